@@ -77,6 +77,27 @@ fn a_quick_stability_study_shows_limits_and_leaves_the_same_files_each_time() {
 }
 
 #[test]
+fn random_flights_are_the_same_twice_and_the_worst_can_be_flown_again() {
+    let names = ["random-flights.csv", "random-flights.json", "random-flights.svg"];
+    let (out, json) =
+        assert_same_twice("random --seeds 1..2 --set scenario.duration_s=5.0", &names);
+    assert!(out.contains("90 % within mm"), "{out}");
+    let flights = json["flights"].as_array().expect("flights");
+    let left_out = json["left_out"].as_array().expect("a list");
+    assert_eq!(flights.len() + left_out.len(), 2);
+    let flight = &flights[0];
+    let again = flight["again"].as_str().expect("a command");
+    let again = again.strip_prefix("morphquad ").expect("the command");
+    let shell = format!("\"$0\" {again} --in-process --no-record --format json");
+    let mut command = std::process::Command::new("sh");
+    command.args(["-c", &shell, env!("CARGO_BIN_EXE_morphquad")]);
+    let told = command.output().expect("a shell");
+    let told: Value = serde_json::from_slice(&told.stdout).expect("a summary");
+    let apart = flight["max_m"].as_f64().zip(told["tracking_max_m"].as_f64());
+    assert!(apart.is_some_and(|(studied, flown)| (studied - flown).abs() < 1e-6), "{apart:?}");
+}
+
+#[test]
 fn json_on_stdout_is_one_object_and_nothing_else() {
     for arguments in ["morphing --quick --seeds 1 --format json", "stability --quick --format json"]
     {
@@ -99,6 +120,10 @@ fn impossible_requests_end_with_2_and_a_remedy_and_an_unwritable_folder_with_3()
         ("stability --angle 200", "--angle", "help:"),
         ("stability --rate 5000", "--rate", "give 50 to 1000 Hz"),
         ("stability --rate nan", "--rate", "give 50 to 1000 Hz"),
+        ("random --seeds 9..1", "--seeds", "1..150"),
+        ("random --seeds 0..900000", "--seeds", "in parts"),
+        ("random --set position_mpc.tilt_wait=2", "tilt_wait", "tilt_weight"),
+        ("random --controller position=nothing", "nothing", "position-pid"),
     ] {
         let (code, out, said) = study(bad, None);
         assert_eq!((code, out.as_str()), (Some(2), ""), "{bad}: {said}");

@@ -36,7 +36,9 @@ pub use running::{
     AdoptArguments, PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments,
     StopArguments, SwapArguments,
 };
-pub(super) use study::{MorphingArguments, StabilityArguments, StudyCommand, StudyOutput};
+pub(super) use study::{
+    MorphingArguments, RandomArguments, StabilityArguments, StudyCommand, StudyOutput,
+};
 pub use trace::TraceArguments;
 pub use view::ViewArguments;
 

@@ -1,15 +1,19 @@
 //! `morphquad study`: from arguments to tables on stdout, files in a folder and an exit code.
 
 use super::bar::bar;
-use super::options::{Format, MorphingArguments, StabilityArguments, StudyCommand, StudyOutput};
+use super::options::{
+    Format, MorphingArguments, RandomArguments, StabilityArguments, StudyCommand, StudyOutput,
+};
 use super::refusal::Done;
 use attitude_mpc::AttitudeLawConfig;
 use figures::results::{ResultsError, ResultsFolder};
 use host::exit;
 use miette::Diagnostic;
+use scenario::{Override, ScenarioError, shell_word};
 use std::io::Write;
 use studies::controllers::{self, ControllersError};
 use studies::morphing::{self, MorphingError};
+use studies::random::{self, RandomError};
 use studies::stability::{self, Bench, Grid, StabilityError};
 use studies::worst_case::{self, WorstCaseError};
 use thiserror::Error;
@@ -17,6 +21,8 @@ use vehicle::{MorphAngle, VehicleParameters};
 
 /// Seeds of a morphing study unless told otherwise, and of a quick one.
 const SEEDS: [u64; 2] = [20, 3];
+/// Random flights of a quick study, at most.
+const QUICK_SEEDS: u64 = 15;
 /// Weight of the paper's reproduction, whose limits are told beside those of flight.
 const PAPER_WEIGHT: f64 = 0.25;
 
@@ -33,6 +39,14 @@ enum StudyError {
     #[diagnostic(help("the flights are fixed: this is a defect, please report it"))]
     Morphing(#[from] MorphingError),
     #[error(transparent)]
+    #[diagnostic(transparent)]
+    Scenario(#[from] ScenarioError),
+    #[error(transparent)]
+    #[diagnostic(help(
+        "a flight of the family cannot be flown: this is a defect, please report it"
+    ))]
+    Random(RandomError),
+    #[error(transparent)]
     #[diagnostic(help("give a --rate from 50 to 1000 Hz and an --angle from 45 to 160 degrees"))]
     Stability(#[from] StabilityError),
     #[error(transparent)]
@@ -40,12 +54,21 @@ enum StudyError {
     WorstCase(#[from] WorstCaseError),
 }
 
+impl From<RandomError> for StudyError {
+    fn from(error: RandomError) -> Self {
+        match error {
+            RandomError::Scenario(error) => Self::Scenario(error),
+            error => Self::Random(error),
+        }
+    }
+}
+
 impl StudyError {
     fn exit_code(&self) -> u8 {
         match self {
             Self::Results(_) => exit::UNFIT,
-            Self::Controllers(_) | Self::Morphing(_) => exit::CRASHED,
-            Self::Stability(_) | Self::WorstCase(_) => exit::USAGE,
+            Self::Controllers(_) | Self::Morphing(_) | Self::Random(_) => exit::CRASHED,
+            Self::Scenario(_) | Self::Stability(_) | Self::WorstCase(_) => exit::USAGE,
         }
     }
 }
@@ -55,6 +78,7 @@ pub(super) fn run(command: &StudyCommand, out: &mut dyn Write) -> Done {
     let done = match command {
         StudyCommand::Controllers(output) => compare_controllers(output),
         StudyCommand::Morphing(arguments) => fly_morphing(arguments),
+        StudyCommand::Random(arguments) => fly_random(arguments),
         StudyCommand::Stability(arguments) => map_stability(arguments),
         StudyCommand::WorstCase(arguments) => certify(arguments),
     };
@@ -113,6 +137,46 @@ fn fly_morphing(arguments: &MorphingArguments) -> Result<(String, u8), StudyErro
         ),
     };
     Ok((text, code))
+}
+
+fn fly_random(arguments: &RandomArguments) -> Result<(String, u8), StudyError> {
+    let RandomArguments { out, seeds, controller, set } = arguments;
+    let assigned = controller.iter().map(|words| Override::controller(words));
+    let set_to = set.iter().map(|words| Override::set(words));
+    let overrides = assigned.chain(set_to).collect::<Result<_, _>>()?;
+    let flag = |name: &str, words: &String| format!("--{name} {}", shell_word(words));
+    let assigned = controller.iter().map(|words| flag("controller", words));
+    let flags: Vec<String> = assigned.chain(set.iter().map(|words| flag("set", words))).collect();
+    let mut folder = ResultsFolder::create(&out.out)?;
+    let mut seeds = seeds.clone();
+    if out.quick {
+        let last = (*seeds.end()).min(*seeds.start() + QUICK_SEEDS - 1);
+        seeds = *seeds.start()..=last;
+    }
+    let plan = random::Plan { seeds, overrides, flags: flags.join(" ") };
+    let bar = bar(plan.flights(), "flights");
+    let study = random::fly(&plan, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    random::report::write(&study, &mut folder)?;
+    let code = if study.lost() > 0 { exit::FAILED } else { exit::PASS };
+    let text = match out.format {
+        Format::Json => random::report::to_json(&study).to_string(),
+        Format::Text => format!(
+            "figure8-morph, seeds {} to {}: largest position error of a flight\n\n{}\nthe worst\n{}\n{}{}",
+            plan.seeds.start(),
+            plan.seeds.end(),
+            random::report::table(&study),
+            random::report::worst(&study).join("\n"),
+            listed("left out, for want of a trim", &random::report::left_out(&study)),
+            files(&folder),
+        ),
+    };
+    Ok((text, code))
+}
+
+/// Lines below what they are; nothing for none.
+fn listed(what: &str, lines: &[String]) -> String {
+    if lines.is_empty() { String::new() } else { format!("{what}\n{}\n", lines.join("\n")) }
 }
 
 fn map_stability(arguments: &StabilityArguments) -> Result<(String, u8), StudyError> {

@@ -51,6 +51,15 @@ pub(super) const CONTROLLERS: &str = "Example:\n  morphquad study controllers --
 
 pub(super) const MORPHING: &str = "Example:\n  morphquad study morphing --quick --seeds 5";
 
+pub(super) const RANDOM: &str = "\
+Examples:
+  morphquad study random
+  morphquad study random --seeds 151..300 --set position_mpc.tilt_weight=2 --out study-tilt
+  morphquad study random --controller position=position-pid,attitude=attitude-pid --quick
+
+Tells how many flights stay how near to their path, and names the worst with the commands that fly them again. \
+launcher/docs/random-flights.md has what is drawn. Ends with 1 if a vehicle was lost.";
+
 pub(super) const STABILITY: &str =
     "Example:\n  morphquad study stability --rate 500 --angle 120 --out study-500";
 

@@ -2,6 +2,7 @@
 
 use super::{Format, examples};
 use clap::{Args, Subcommand};
+use core::ops::RangeInclusive;
 use scenario::TESTED_RATES_HZ;
 use std::path::PathBuf;
 
@@ -14,6 +15,9 @@ pub(crate) enum StudyCommand {
     /// Fly figure8-morph at sweeps from 4 s to 0.3 s, with the law scheduled and not
     #[command(after_help = examples::MORPHING)]
     Morphing(MorphingArguments),
+    /// Fly figure8-morph by vehicles and in weather that the controllers do not know, drawn by seed
+    #[command(after_help = examples::RANDOM)]
+    Random(RandomArguments),
     /// Map where the attitude loop is stable: rotor lag, inertia and delay over its weight
     #[command(after_help = examples::STABILITY)]
     Stability(StabilityArguments),
@@ -44,6 +48,40 @@ pub(crate) struct MorphingArguments {
     /// Seeds of the scheduled law as flown; 20, or 3 if quick
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub(crate) seeds: Option<u64>,
+}
+
+/// The members of the family of random flights, and what flies them.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct RandomArguments {
+    #[command(flatten)]
+    pub(crate) out: StudyOutput,
+    /// Which members, both ends included: `1..150`; up to 15 of them if quick
+    #[arg(long, value_name = "FIRST..LAST", default_value = "1..150", value_parser = seeds)]
+    pub(crate) seeds: RangeInclusive<u64>,
+    /// Who fills a slot in all of them, for example `position=position-pid`
+    #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
+    pub(crate) controller: Vec<String>,
+    /// Any key of the scenario in all of them, for example `pilot.period_s=6`
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<String>,
+}
+
+/// Most members that one command flies.
+const MOST_SEEDS: u64 = 100_000;
+
+/// `FIRST..LAST`, both included, as a campaign writes it.
+fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
+    let remedy = "write FIRST..LAST, both ends included, for example 1..150";
+    let (first, last) = text.split_once("..").ok_or_else(|| remedy.to_owned())?;
+    let number = |text: &str| text.trim().parse::<u64>().map_err(|_| remedy.to_owned());
+    let (first, last) = (number(first)?, number(last)?);
+    if first > last || last > i64::MAX as u64 {
+        return Err(remedy.to_owned());
+    }
+    if last - first >= MOST_SEEDS {
+        return Err(format!("these are more than {MOST_SEEDS} flights: ask for them in parts"));
+    }
+    Ok(first..=last)
 }
 
 /// The attitude loop of a study.
