@@ -82,6 +82,8 @@ pub struct FilterConfig {
     pub nis_window: usize,
     /// Alarm when the mean NIS over the window exceeds this (6 degrees of freedom each).
     pub nis_mean_alarm: f64,
+    /// Noise that was found to be larger is believed to be smaller again when the mean NIS falls below this.
+    pub nis_mean_quiet: f64,
     /// Alarm when the NIS of the window's mean innovation exceeds this (6 degrees of freedom).
     pub nis_bias_alarm: f64,
     /// What a re-opening adds.
@@ -132,6 +134,7 @@ impl Default for FilterConfig {
             nis_window: 25,
             // Per window, one false alarm in a million: χ²(150)/25 and χ²(6).
             nis_mean_alarm: 9.886,
+            nis_mean_quiet: 3.26,
             nis_bias_alarm: 38.258,
             reopen: ReopenSigmas::default(),
             barometer: BarometerModel::default(),
@@ -207,7 +210,7 @@ impl FilterConfig {
         Ok(())
     }
 
-    fn positives(&self) -> [(&'static str, f64); 36] {
+    fn positives(&self) -> [(&'static str, f64); 37] {
         [
             ("gravity_m_s2", self.gravity_m_s2),
             ("gyro_noise_rad_s_rthz", self.gyro_noise_rad_s_rthz),
@@ -231,6 +234,7 @@ impl FilterConfig {
             ("reopen_after_rejections", self.reopen_after_rejections as f64),
             ("fix_timeout_ns", self.fix_timeout_ns as f64),
             ("nis_mean_alarm", self.nis_mean_alarm),
+            ("nis_mean_quiet", self.nis_mean_quiet),
             ("nis_bias_alarm", self.nis_bias_alarm),
             ("reopen.position_m", self.reopen.position_m),
             ("reopen.velocity_m_s", self.reopen.velocity_m_s),

@@ -88,6 +88,7 @@ shared_types::memory! {
         reopen_level: u64,
         nis_alarm: u64,
         last_nis: f64,
+        fix_noise_scale: f64,
         morph_time_ns: u64,
         morph_started: u64,
         morph_rejections_in_row: u64,
@@ -268,6 +269,7 @@ impl Evolving {
             reopen_level: u64::from(self.monitor.reopen_level),
             nis_alarm: u64::from(self.monitor.alarm),
             last_nis: self.monitor.last_nis,
+            fix_noise_scale: self.monitor.noise_scale,
             morph_time_ns: self.morph.time_ns,
             morph_started: u64::from(self.morph.started),
             morph_rejections_in_row: self.morph.rejections_in_row,
@@ -325,6 +327,7 @@ impl FilterMemory {
     fn monitor(&self, nis_window: usize) -> Result<Monitor, MemoryError> {
         finite("innovations", self.nis_window.as_flattened())?;
         finite("last NIS", &[self.last_nis])?;
+        finite("noise of fixes", &[self.fix_noise_scale])?;
         Ok(Monitor {
             window: self.nis_window.map(Vector6::from),
             next: index("window position", self.nis_next, nis_window - 1)?,
@@ -334,6 +337,7 @@ impl FilterMemory {
                 .map_err(|_| MemoryError::OutOfRange("re-opening level"))?,
             alarm: self.nis_alarm != 0,
             last_nis: self.last_nis,
+            noise_scale: self.fix_noise_scale.max(1.0),
         })
     }
 

@@ -237,7 +237,8 @@ impl Filter {
         self.move_base(fix.captured_ns);
         let state = &mut self.state;
         state.last_fix_captured_ns = Some(fix.captured_ns);
-        let innovation = pose_fix::innovation(&state.base, fix, &self.config);
+        let innovation =
+            pose_fix::innovation(&state.base, fix, &self.config, state.monitor.noise_scale);
         let verdict = if let Some(innovation) = innovation {
             self.correct(&innovation)
         } else {
@@ -322,10 +323,11 @@ impl Filter {
         match self.state.monitor.observe(&innovation.whitened, &self.config) {
             Advice::Keep => {}
             Advice::ReopenGate { level } => self.reopen(level),
-            Advice::ReopenInconsistent => {
+            Advice::ReopenBiased => {
                 self.state.counters.nis_alarms += 1;
                 self.reopen(0);
             }
+            Advice::Noisier => self.state.counters.nis_alarms += 1,
         }
         if gated { Verdict::Gated } else { Verdict::Accepted }
     }

@@ -5,6 +5,9 @@
 //! N·mean(zᵀz) is χ²(6N) and N·|mean z|² is χ²(6) (Bar-Shalom, Li, Kirubarajan, *Estimation with
 //! Applications to Tracking and Navigation*, 2001, section 5.4). The first finds noise that is larger
 //! than promised, the second a bias, such as a jump of the gyro's, long before single fixes show it.
+//! They ask for different things. After a bias the belief is wrong, and is re-opened. Larger noise is
+//! believed from then on, by the mean NIS over what it should be: a belief that were re-opened would
+//! follow that noise, and its velocity with it.
 
 use nalgebra::Vector6;
 
@@ -18,9 +21,16 @@ pub(super) enum Advice {
     ReopenGate {
         level: u32,
     },
-    /// Re-open: the windowed test failed.
-    ReopenInconsistent,
+    /// Re-open: the innovations have a mean.
+    ReopenBiased,
+    /// Fixes are noisier than was believed.
+    Noisier,
 }
+
+/// Largest factor on the variance of fixes.
+const MAX_NOISE_SCALE: f64 = 100.0;
+/// Degrees of freedom of a fix, the mean of its NIS.
+const FREEDOM: f64 = 6.0;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Monitor {
@@ -32,6 +42,8 @@ pub(super) struct Monitor {
     pub(super) reopen_level: u32,
     pub(super) alarm: bool,
     pub(super) last_nis: f64,
+    /// Factor on the variance of fixes that they have shown, at least 1.
+    pub(super) noise_scale: f64,
 }
 
 impl Monitor {
@@ -44,6 +56,7 @@ impl Monitor {
             reopen_level: 0,
             alarm: false,
             last_nis: 0.0,
+            noise_scale: 1.0,
         }
     }
 
@@ -76,22 +89,26 @@ impl Monitor {
         if self.filled < config.nis_window {
             return Advice::Keep;
         }
-        self.alarm = self.is_inconsistent(config);
-        if self.alarm {
-            self.filled = 0;
-            self.next = 0;
-            return Advice::ReopenInconsistent;
-        }
-        Advice::Keep
-    }
-
-    /// Both tests over a full window.
-    fn is_inconsistent(&self, config: &FilterConfig) -> bool {
         let window = &self.window[..config.nis_window];
         let count = config.nis_window as f64;
         let mean_nis = window.iter().map(Vector6::norm_squared).sum::<f64>() / count;
-        let sum = window.iter().fold(Vector6::zeros(), |sum, z| sum + z);
-        mean_nis > config.nis_mean_alarm || sum.norm_squared() / count > config.nis_bias_alarm
+        let mean = window.iter().fold(Vector6::zeros(), |sum, z| sum + z) / count;
+        // A mean of larger noise is larger, too.
+        let noise = ((mean_nis - mean.norm_squared()) / FREEDOM).max(1.0);
+        let is_biased = count * mean.norm_squared() > config.nis_bias_alarm * noise;
+        let is_noisy = mean_nis > config.nis_mean_alarm;
+        let is_quiet = mean_nis < config.nis_mean_quiet && self.noise_scale > 1.0;
+        self.alarm = is_biased || is_noisy;
+        if !(self.alarm || is_quiet) {
+            return Advice::Keep;
+        }
+        self.filled = 0;
+        self.next = 0;
+        if is_biased {
+            return Advice::ReopenBiased;
+        }
+        self.noise_scale = (self.noise_scale * mean_nis / FREEDOM).clamp(1.0, MAX_NOISE_SCALE);
+        if is_noisy { Advice::Noisier } else { Advice::Keep }
     }
 }
 
@@ -113,6 +130,8 @@ mod tests {
         assert!((config.morph_gate - quantile(1.0, 0.999)).abs() < 1e-2);
         let mean = quantile(6.0 * window, 1.0 - 1e-6) / window;
         assert!((config.nis_mean_alarm - mean).abs() < 1e-2, "{mean}");
+        let quiet = quantile(6.0 * window, 1e-6) / window;
+        assert!((config.nis_mean_quiet - quiet).abs() < 1e-2, "{quiet}");
         let bias = quantile(6.0, 1.0 - 1e-6);
         assert!((config.nis_bias_alarm - bias).abs() < 1e-2, "{bias}");
     }
@@ -124,8 +143,32 @@ mod tests {
         let z = Vector6::new(0.0, 0.0, 0.0, 1.5, 0.0, 0.0);
         let advice: Vec<Advice> = (0..25).map(|_| monitor.observe(&z, &config)).collect();
         assert_eq!(advice[23], Advice::Keep);
-        assert_eq!(advice[24], Advice::ReopenInconsistent);
+        assert_eq!(advice[24], Advice::ReopenBiased);
+        assert_eq!(monitor.noise_scale, 1.0);
         assert!(monitor.alarm);
+    }
+
+    #[test]
+    fn larger_noise_without_a_bias_is_believed_until_it_has_gone() {
+        let config = FilterConfig::default();
+        let mut monitor = Monitor::new();
+        // What the filter whitens with is what the monitor believes.
+        let mut observe = |variance: f64, fixes: i32| -> (usize, f64) {
+            let noisier = (0..fixes).filter(|k| {
+                let size = f64::sqrt(variance / monitor.noise_scale);
+                let z = Vector6::repeat(f64::from(1 - 2 * (k % 2)) * size);
+                let advice = monitor.observe(&z, &config);
+                assert_ne!(advice, Advice::ReopenBiased);
+                advice == Advice::Noisier
+            });
+            (noisier.count(), monitor.noise_scale)
+        };
+        assert_eq!(observe(1.5, 500), (0, 1.0), "within what chance allows");
+        let (told, scale) = observe(1.7, 500);
+        // Once, as soon as the window has enough of it.
+        assert!(told == 1 && (1.6..=1.7).contains(&scale), "{told} {scale}");
+        assert_eq!(observe(1.0, 500), (0, scale), "within what chance allows");
+        assert_eq!(observe(0.5, 500), (0, 1.0));
     }
 
     #[test]

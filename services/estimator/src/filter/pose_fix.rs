@@ -33,12 +33,13 @@ pub(super) fn refusal(fix: &PoseFixSample, config: &FilterConfig) -> Option<Verd
     (!inside).then_some(Verdict::OutOfRange)
 }
 
-/// `r = (y_p − p, Log(q⁻¹ ⊗ y_q))`, `H = [I at δp; I at δθ]`, `S = H P Hᵀ + R`. `None` if S is not
-/// positive definite.
+/// `r = (y_p − p, Log(q⁻¹ ⊗ y_q))`, `H = [I at δp; I at δθ]`, `S = H P Hᵀ + s R` with the scale s that the
+/// fixes have shown. `None` if S is not positive definite.
 pub(super) fn innovation(
     belief: &Belief,
     fix: &PoseFixSample,
     config: &FilterConfig,
+    noise_scale: f64,
 ) -> Option<Innovation> {
     let measured = rotation::compose(&belief.q.inverse(), &fix.q_wb);
     let mut residual = Vector6::zeros();
@@ -46,7 +47,8 @@ pub(super) fn innovation(
     residual.fixed_rows_mut::<3>(3).copy_from(&rotation::log(&measured));
     let position = config.fix_position_sigma_m * config.fix_position_sigma_m;
     let attitude = config.fix_attitude_sigma_rad * config.fix_attitude_sigma_rad;
-    let noise = Vector6::new(position, position, position, attitude, attitude, attitude);
+    let noise =
+        Vector6::new(position, position, position, attitude, attitude, attitude) * noise_scale;
     let seen = columns_seen(&belief.covariance);
     let mut s = Matrix6::from_diagonal(&noise);
     for (row, state) in OBSERVED.iter().enumerate() {
@@ -129,7 +131,7 @@ mod tests {
             position_w: prior.p + Vector3::new(0.01, -0.02, 0.005),
             q_wb: rotation::compose(&belief.q, &rotation::exp(&turn)),
         };
-        let innovation = innovation(&belief, &fix, &config).unwrap();
+        let innovation = innovation(&belief, &fix, &config, 1.0).unwrap();
         let (wanted, error) = by_information(&prior.covariance, &innovation);
         innovation.apply(&mut belief);
         // The reset after the injection turns the attitude block by about half the correction.
@@ -148,7 +150,7 @@ mod tests {
         let config = FilterConfig::default();
         let position_w = belief.p + Vector3::new(0.01, -0.02, 0.005);
         let fix = PoseFixSample { captured_ns: 0, position_w, q_wb: belief.q };
-        let innovation = innovation(&belief, &fix, &config).unwrap();
+        let innovation = innovation(&belief, &fix, &config, 1.0).unwrap();
         let (wanted, error) = by_information(&p, &innovation);
         innovation.apply(&mut belief);
         let turned = error.fixed_rows::<3>(ATTITUDE).norm();

@@ -37,6 +37,29 @@ fn a_drop_out_of_two_seconds_stays_inside_three_sigma_and_recovers() {
 }
 
 #[test]
+fn fixes_noisier_than_told_are_believed_to_be_and_velocity_does_not_follow_them() {
+    let truth = figure_eight(14);
+    let worst_m_s = |fix_noise: f64| {
+        let (mut worst, mut alarms) = (0.0_f64, 0);
+        for seed in 0..10 {
+            let script = Script { fix_noise, ..Script::nominal(4000 + seed) };
+            let end = fly(&truth, &script, |instant| {
+                if instant.step >= 4000 {
+                    worst = worst.max(error(instant).fixed_rows::<3>(3).norm());
+                }
+            });
+            alarms += end.estimate().counters.nis_alarms;
+            assert_eq!(end.estimate().counters.reopened, 0, "noise is no wrong belief");
+        }
+        (worst, alarms)
+    };
+    let ((as_told, none), (noisier, some)) = (worst_m_s(1.0), worst_m_s(1.3));
+    println!("velocity error: {as_told:.4} m/s as told, {noisier:.4} m/s at 1.3 times the noise");
+    assert!(none == 0 && some > 0, "{none} and {some} alarms");
+    assert!(noisier <= 1.3 * as_told, "{noisier} {as_told}");
+}
+
+#[test]
 fn a_drop_out_raises_the_flag_for_as_long_as_it_lasts() {
     let script = Script { drop_out: (2000, 2500), ..Script::nominal(1) };
     fly(&figure_eight(3), &script, |instant| {

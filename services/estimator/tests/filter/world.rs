@@ -98,6 +98,8 @@ pub(crate) struct Script {
     pub(crate) steps_per_imu: usize,
     /// No inertial sample from the first to before the second step.
     pub(crate) imu_gap: (usize, usize),
+    /// Noise of the fixes over what the filter is told.
+    pub(crate) fix_noise: f64,
 }
 
 impl Script {
@@ -109,6 +111,7 @@ impl Script {
             latency_steps: LATENCY_STEPS,
             steps_per_imu: 1,
             imu_gap: (0, 0),
+            fix_noise: 1.0,
         }
     }
 }
@@ -117,6 +120,7 @@ pub(crate) struct Sensors {
     rng: ChaCha8Rng,
     config: FilterConfig,
     imu_period_s: f64,
+    fix_noise: f64,
     gyro_bias: Vector3<f64>,
     accel_bias: Vector3<f64>,
 }
@@ -127,6 +131,7 @@ impl Sensors {
             rng: ChaCha8Rng::seed_from_u64(seed as u64),
             config: FilterConfig::default(),
             imu_period_s: STEP_NS as f64 * 1e-9,
+            fix_noise: 1.0,
             gyro_bias: Vector3::zeros(),
             accel_bias: Vector3::zeros(),
         };
@@ -171,10 +176,10 @@ impl Sensors {
     }
 
     pub(crate) fn fix(&mut self, step: usize, truth: &Truth) -> PoseFixSample {
-        let turn = self.normal(self.config.fix_attitude_sigma_rad);
+        let turn = self.normal(self.fix_noise * self.config.fix_attitude_sigma_rad);
         PoseFixSample {
             captured_ns: step as u64 * STEP_NS,
-            position_w: truth.p + self.normal(self.config.fix_position_sigma_m),
+            position_w: truth.p + self.normal(self.fix_noise * self.config.fix_position_sigma_m),
             q_wb: truth.q * UnitQuaternion::from_scaled_axis(turn),
         }
     }
@@ -193,6 +198,7 @@ pub(crate) struct Instant<'a> {
 pub(crate) fn fly(truth: &[Truth], script: &Script, mut see: impl FnMut(&Instant)) -> Filter {
     let mut sensors = Sensors::new(script.seed, &InitialState::default());
     sensors.imu_period_s *= script.steps_per_imu as f64;
+    sensors.fix_noise = script.fix_noise;
     let initial = sensors.initial(&truth[0]);
     let mut filter = Filter::new(FilterConfig::default(), &initial).expect("default is valid");
     let mut under_way = std::collections::VecDeque::new();
