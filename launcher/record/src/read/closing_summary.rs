@@ -11,7 +11,7 @@ use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
 /// Bytes before the content of a record: its kind and its length.
-const RECORD_HEAD_BYTES: u64 = 1 + 8;
+const RECORD_HEAD_BYTES: usize = 1 + 8;
 
 /// The summary, or none of a file that is cut or whose end is damaged.
 pub(super) fn closing_summary(path: &Path) -> Option<BTreeMap<String, String>> {
@@ -45,9 +45,9 @@ fn end(file: &mut File, length: u64) -> McapResult<Option<Summary>> {
 
 /// The metadata that begin at `offset`, if any do.
 fn metadata_at(file: &mut File, offset: u64, length: u64) -> Option<Metadata> {
-    let content = offset.checked_add(RECORD_HEAD_BYTES)?;
+    let content = offset.checked_add(RECORD_HEAD_BYTES as u64)?;
     file.seek(SeekFrom::Start(offset)).ok()?;
-    let mut head = [0; RECORD_HEAD_BYTES as usize];
+    let mut head = [0; RECORD_HEAD_BYTES];
     file.read_exact(&mut head).ok()?;
     let (kind, size) = head.split_first()?;
     let size = u64::from_le_bytes(size.try_into().ok()?);
