@@ -21,8 +21,9 @@ fn is_signal(word: &str) -> bool {
     if known(topic).is_some() {
         return !Path::new(word).is_file();
     }
-    let is_like_one = signal.contains('.') && !signal.contains('/') && !signal.ends_with(".mcap");
-    is_like_one && named(Path::new(word)).is_ok_and(|file| !file.is_file())
+    let is_path =
+        signal.contains('/') || Path::new(signal).extension().is_some_and(|kind| kind == "mcap");
+    signal.contains('.') && !is_path && named(Path::new(word)).is_ok_and(|file| !file.is_file())
 }
 
 /// The recordings that are named before the signals, and these.
