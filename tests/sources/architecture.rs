@@ -182,6 +182,7 @@ const ALLOWED: [(&str, &[&str]); 44] = [
             "figures",
             "observe",
             "pilot",
+            "position-mpc",
             "runtime",
             "scenario",
             "shared-types",

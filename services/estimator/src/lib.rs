@@ -8,7 +8,7 @@
 //! The filter is the error-state filter of J. Solà, *Quaternion kinematics for the error-state
 //! Kalman filter* (arXiv:1711.02508, 2017), with the attitude error on the body side. Added to it:
 //! fixes are applied at their capture and the inertial samples since are replayed; innovations are
-//! gated and monitored, and both can re-open the covariance.
+//! gated and monitored: both can re-open the covariance, and more spread than promised is believed.
 //!
 //! Open `filter/mod.rs` next: it is the pipeline; then one file per measurement model.
 

@@ -67,7 +67,7 @@ pub(crate) struct RandomArguments {
 }
 
 /// Most members that one command flies.
-const MOST_SEEDS: u64 = 100_000;
+const MAX_SEEDS: u64 = 100_000;
 
 /// `FIRST..LAST`, both included, as a campaign writes it.
 fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
@@ -78,8 +78,8 @@ fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
     if first > last || last > i64::MAX as u64 {
         return Err(remedy.to_owned());
     }
-    if last - first >= MOST_SEEDS {
-        return Err(format!("these are more than {MOST_SEEDS} flights: ask for them in parts"));
+    if last - first >= MAX_SEEDS {
+        return Err(format!("these are more than {MAX_SEEDS} flights: ask for them in parts"));
     }
     Ok(first..=last)
 }
