@@ -46,8 +46,9 @@ const SUCCESSOR_LIMIT_NS: u64 = 120_000_000_000;
 const LOOK_EVERY_NS: u64 = 200_000_000;
 /// How often to look at the memory that viewers make this process hold \[ns\].
 const WEIGH_EVERY_NS: u64 = 50_000_000;
-/// How long a page may take to fetch the end \[ns\].
-const LAST_LOOK_NS: u64 = 20_000_000_000;
+/// How long a page that goes on asking may take to fetch the end \[ns\]: one that is drawn without a graphics card on a
+/// busy machine takes its time. One that has fallen silent is not waited for.
+const LAST_LOOK_NS: u64 = 60_000_000_000;
 
 /// Why a run cannot be shown.
 #[derive(Debug, Error)]
