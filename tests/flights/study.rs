@@ -120,8 +120,8 @@ fn impossible_requests_end_with_2_and_a_remedy_and_an_unwritable_folder_with_3()
         ("stability --angle 200", "--angle", "help:"),
         ("stability --rate 5000", "--rate", "give 50 to 1000 Hz"),
         ("stability --rate nan", "--rate", "give 50 to 1000 Hz"),
-        ("random --seeds 9..1", "--seeds", "1..150"),
-        ("random --seeds 0..900000", "--seeds", "in parts"),
+        ("random --seeds 9..1", "--seeds", "the smaller seed first"),
+        ("random --seeds 0..9000000", "--seeds", "split it"),
         ("random --set position_mpc.tilt_wait=2", "tilt_wait", "tilt_weight"),
         ("random --controller position=nothing", "nothing", "position-pid"),
     ] {

@@ -2,7 +2,7 @@
 
 use super::{Format, examples};
 use clap::{Args, Subcommand};
-use core::ops::RangeInclusive;
+use experiments::campaign::values;
 use scenario::TESTED_RATES_HZ;
 use std::path::PathBuf;
 
@@ -57,7 +57,7 @@ pub(crate) struct RandomArguments {
     pub(crate) out: StudyOutput,
     /// Which members, both ends included: `1..150`; up to 15 of them if quick
     #[arg(long, value_name = "FIRST..LAST", default_value = "1..150", value_parser = seeds)]
-    pub(crate) seeds: RangeInclusive<u64>,
+    pub(crate) seeds: Box<[u64]>,
     /// Who fills a slot in all of them, for example `position=position-pid`
     #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
     pub(crate) controller: Vec<String>,
@@ -66,22 +66,9 @@ pub(crate) struct RandomArguments {
     pub(crate) set: Vec<String>,
 }
 
-/// Most members that one command flies.
-const MAX_SEEDS: u64 = 100_000;
-
-/// `FIRST..LAST`, both included, as a campaign writes it.
-fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
-    let remedy = "write FIRST..LAST, both ends included, for example 1..150";
-    let (first, last) = text.split_once("..").ok_or_else(|| remedy.to_owned())?;
-    let number = |text: &str| text.trim().parse::<u64>().map_err(|_| remedy.to_owned());
-    let (first, last) = (number(first)?, number(last)?);
-    if first > last || last > i64::MAX as u64 {
-        return Err(remedy.to_owned());
-    }
-    if last - first >= MAX_SEEDS {
-        return Err(format!("these are more than {MAX_SEEDS} flights: ask for them in parts"));
-    }
-    Ok(first..=last)
+/// `FIRST..LAST`, as a campaign and `replay` take it.
+fn seeds(text: &str) -> Result<Box<[u64]>, String> {
+    values::seeds(text).map(Into::into)
 }
 
 /// The attitude loop of a study.

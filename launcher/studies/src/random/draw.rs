@@ -1,6 +1,6 @@
 //! One member of the family: what its seed draws, and whether anything could hold it in the air.
 
-use super::RandomError;
+use super::{RandomError, SCENARIO};
 use core::f64::consts::TAU;
 use position_mpc::PositionLawConfig;
 use rand::{RngExt, SeedableRng};
@@ -105,16 +105,14 @@ impl Draw {
         flags
     }
 
-    /// The scenario that it changes, changed.
+    /// The scenario with what is `given` for all members and what is `drawn`, its flags, for this one.
     ///
     /// # Errors
     /// A number that the scenario refuses.
-    pub fn scenario(&self, name: &str, given: &[Override]) -> Result<Scenario, RandomError> {
-        let base = Scenario::load(name, given)?;
-        let drawn = self.flags(&base);
+    pub fn scenario(&self, given: &[Override], drawn: &[String]) -> Result<Scenario, RandomError> {
         let drawn = drawn.iter().map(|flag| Override::set(flag)).collect::<Result<Vec<_>, _>>()?;
         let all = given.iter().cloned().chain(drawn).chain([Override::seed(self.seed)]);
-        Ok(Scenario::load(name, &all.collect::<Vec<_>>())?)
+        Ok(Scenario::load(SCENARIO, &all.collect::<Vec<_>>())?)
     }
 
     /// Why no law within `bounds` could hold the vehicle still in the mean wind with its weak rotor, with a fifth of each

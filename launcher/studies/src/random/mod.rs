@@ -12,7 +12,6 @@ mod tests;
 pub use draw::{Draw, RANGES, Range};
 
 use ::verdict::Grade;
-use core::ops::RangeInclusive;
 use observe::{Closing, Metrics};
 use scenario::{Override, Scenario, ScenarioError};
 use simulate::fan_out::{Progress, fan_out};
@@ -25,8 +24,8 @@ const SCENARIO: &str = "figure8-morph";
 /// Which members to fly, and by whom.
 #[derive(Debug, Clone)]
 pub struct Plan {
-    /// Seeds, both ends included.
-    pub seeds: RangeInclusive<u64>,
+    /// Their seeds.
+    pub seeds: Vec<u64>,
     /// Changes of the scenario that all of them share, such as other controllers.
     pub overrides: Vec<Override>,
     /// The same as flags of `morphquad run`, quoted as a shell needs it.
@@ -37,7 +36,7 @@ impl Plan {
     /// Flights that this takes, at most.
     #[must_use]
     pub fn flights(&self) -> usize {
-        self.seeds.clone().count()
+        self.seeds.len()
     }
 }
 
@@ -124,11 +123,10 @@ pub enum RandomError {
 /// # Errors
 /// The first scenario that is refused, or flight that hangs.
 pub fn fly(plan: &Plan, progress: Progress<'_>) -> Result<Study, RandomError> {
-    let draws: Vec<Draw> = plan.seeds.clone().map(Draw::of).collect();
     let base = Scenario::load(SCENARIO, &plan.overrides)?;
     let (bounds, model) = (base.position_law()?, base.modelled_vehicle());
     let (mut with_trim, mut left_out) = (Vec::new(), Vec::new());
-    for draw in draws {
+    for draw in plan.seeds.iter().copied().map(Draw::of) {
         match draw.without_trim(&bounds, &model) {
             Some(why) => {
                 left_out.push((draw, why));
@@ -142,15 +140,15 @@ pub fn fly(plan: &Plan, progress: Progress<'_>) -> Result<Study, RandomError> {
 }
 
 fn fly_one(plan: &Plan, base: &Scenario, draw: Draw) -> Result<Flown, RandomError> {
-    let scenario = draw.scenario(SCENARIO, &plan.overrides)?;
+    let drawn = draw.flags(base);
+    let scenario = draw.scenario(&plan.overrides, &drawn)?;
     let mut flight = InProcess::new(&scenario, StateSource::Estimator, Metrics::of(&scenario))?;
     flight.fly_until(u64::MAX)?;
     let mut metrics = flight.seen(core::mem::take);
     metrics.finish();
     let closing = Closing { flown_ns: scenario.duration_ns(), ..Closing::default() };
     let tracking = metrics.tracking();
-    let drawn = draw.flags(base).into_iter();
-    let drawn = drawn.map(|flag| format!(" --set {}", scenario::shell_word(&flag)));
+    let drawn = drawn.iter().map(|flag| format!(" --set {}", scenario::shell_word(flag)));
     let given = Some(&plan.flags).filter(|flags| !flags.is_empty());
     let given = given.map_or(String::new(), |flags| format!(" {flags}"));
     Ok(Flown {

@@ -100,7 +100,7 @@ pub fn to_json(study: &Study) -> Value {
     };
     let quantile = |share: f64| json!({"share": share, "max_m": study.quantile_m(share)});
     json!({
-        "seeds": [study.plan.seeds.start(), study.plan.seeds.end()],
+        "seeds": study.plan.seeds,
         "flags": study.plan.flags,
         "ranges": RANGES.iter().map(range).collect::<Vec<_>>(),
         "lost": study.lost(),

@@ -359,12 +359,17 @@ impl Orders {
                 let mut refusal = self.refusal(slot, reason);
                 refusal.text = format!("{}: {}", name(*seat), refusal.text);
                 let mut text = refusal.text.clone();
-                if let (slot::Reason::Fault(_), Some(how)) = (reason, self.ends.get(&(slot, *seat)))
+                if let (slot::Reason::Fault(fault), Some(how)) =
+                    (reason, self.ends.get(&(slot, *seat)))
                 {
-                    // Who asked is told all that it said; the launcher's own terminal has it already.
-                    let brief = self.end_of(slot, *seat).unwrap_or_default();
-                    text = format!("{}: {brief}", refusal.text);
-                    refusal.text = format!("{}: {how}", refusal.text);
+                    refusal.text = format!("{text}: {how}");
+                    // All that a process said was told when it died; of one that is killed nothing was.
+                    text = match fault {
+                        slot::Fault::Died => {
+                            format!("{text}: {}", self.end_of(slot, *seat).unwrap_or_default())
+                        }
+                        _ => refusal.text.clone(),
+                    };
                 }
                 let asked_back = *reason == slot::Reason::RolledBack;
                 self.close(slot, &Reply::Refused(refusal), |until| match until {

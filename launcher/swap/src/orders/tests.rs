@@ -188,18 +188,24 @@ fn a_candidate_that_is_refused_or_dies_ends_the_order_with_1_and_its_name() {
 
 #[test]
 fn what_a_dead_candidate_said_is_told_whole_to_its_client_and_briefly_otherwise() {
-    let mut flight = Flight::new();
-    let mut heard = flight.ask(&Request::Swap(swap("attitude-mpc")));
-    flight.ready(Seat::ALL[1]);
-    let said = "exit status 1, its last words:\n  File \"law.py\", line 6\nValueError: no gains\n";
-    flight.orders.explain(Slot::Attitude, Seat::ALL[1], said);
-    flight.happen(Event::Died(Seat::ALL[1]));
-    let replies = heard();
-    let Some(Reply::Refused(refusal)) = replies.last() else { panic!("{replies:?}") };
-    assert!(refusal.text.contains("line 6\nValueError: no gains"), "{refusal}");
-    let told = flight.told.last().unwrap();
+    let said = "its last words:\n  File \"law.py\", line 6\nValueError: no gains\n";
+    let ended = |event: Event| -> (String, String) {
+        let mut flight = Flight::new();
+        let mut heard = flight.ask(&Request::Swap(swap("attitude-mpc")));
+        flight.ready(Seat::ALL[1]);
+        flight.orders.explain(Slot::Attitude, Seat::ALL[1], said);
+        flight.happen(event);
+        let replies = heard();
+        let Some(Reply::Refused(refusal)) = replies.last() else { panic!("{replies:?}") };
+        (refusal.text.clone(), flight.told.last().unwrap().clone())
+    };
+    let (answer, told) = ended(Event::Died(Seat::ALL[1]));
+    assert!(answer.contains("line 6\nValueError: no gains"), "{answer}");
     assert!(told.ends_with("its last words: ValueError: no gains"), "{told}");
     assert!(!told.contains('\n'), "{told}");
+    // Nothing was told before of one that the launcher kills.
+    let (answer, told) = ended(Event::Misbehaved(Seat::ALL[1], Fault::Stalled));
+    assert!(told == answer && told.contains("line 6\nValueError: no gains"), "{told}");
 }
 
 #[test]
