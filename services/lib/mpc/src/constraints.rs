@@ -2,6 +2,9 @@
 
 use nalgebra::SVector;
 
+/// Difference of a level from its bound, relative to it, that is the solver's rounding.
+const ROUNDING: f64 = 1e-10;
+
 /// Bounds on u and Δu at one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds<const N: usize> {
@@ -24,6 +27,22 @@ impl<const N: usize> Bounds<N> {
     #[must_use]
     pub fn is_consistent(&self) -> bool {
         (0..N).all(|i| self.u_min[i] <= self.u_max[i] && self.du_max[i] >= 0.0)
+    }
+
+    /// `u`, or the bound on it where they differ by rounding only: a level that the last solve brought to its bound would
+    /// otherwise leave room of some 1e-15 in each of many rows, where their exact number is zero and all of them meet in
+    /// one point. What is optimal within such room no double can tell.
+    pub(crate) fn with_rounding_taken_off(&self, u: &SVector<f64, N>) -> SVector<f64, N> {
+        u.zip_zip_map(&self.u_min, &self.u_max, |u, least, most| {
+            let is_at = |bound: f64| (u - bound).abs() <= ROUNDING * bound.abs() && bound.is_finite();
+            if is_at(least) {
+                least
+            } else if is_at(most) {
+                most
+            } else {
+                u
+            }
+        })
     }
 
     /// How much more than `du_max` an input needs that followed the bounds of the sample before.
@@ -137,7 +156,7 @@ impl<const N: usize> FirstMove<N> {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Vector1, Vector2};
+    use nalgebra::{Vector1, Vector2, Vector3};
 
     use super::*;
 
@@ -178,6 +197,18 @@ mod tests {
         let u = Vector2::new(0.0, 0.9);
         let level = first(&bounds, &u).level(&Vector2::new(-7.0, f64::NAN), &u, &Coupled::NONE);
         assert_eq!(level, Vector2::new(-0.5, 0.9));
+    }
+
+    #[test]
+    fn a_level_within_rounding_of_its_bound_is_at_it() {
+        let (u_min, u_max) = (Vector3::new(-0.35, 0.0, 0.3), Vector3::new(0.35, f64::INFINITY, 2.0));
+        let bounds = Bounds { u_min, u_max, du_max: Vector3::repeat(0.1) };
+        let taken = |u: [f64; 3]| bounds.with_rounding_taken_off(&Vector3::from(u));
+        assert_eq!(taken([-0.35 + 4e-15, 1.0, 2.0 + 9e-15]), Vector3::new(-0.35, 1.0, 2.0));
+        let others = [[0.35 - 1e-9, 1e-15, 0.3 + 1e-9], [0.0, f64::INFINITY, 5.0]];
+        for other in others {
+            assert_eq!(taken(other), Vector3::from(other));
+        }
     }
 
     #[test]

@@ -211,6 +211,7 @@ impl<const N: usize> IncrementalMpc<N> {
             bounds.du_max.fill(f64::INFINITY);
         }
         let coupled = if self.rows.has_hard_coupled() { limits.coupled } else { Coupled::NONE };
+        let now = &Measured { u_previous: bounds.with_rounding_taken_off(&now.u_previous), ..*now };
         let first = FirstMove::new(&bounds, &coupled, &now.u_previous);
 
         self.prepare(operating, ahead);

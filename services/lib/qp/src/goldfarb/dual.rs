@@ -216,7 +216,7 @@ impl<T: Real> Goldfarb<T> {
         let size = (norm(y) + norm(gradient)).round() + bound.round().abs();
         // Bounds that are given as doubles agree no better than to the rounding of those.
         let given = f64::EPSILON * (2.0 + growth) * (norm(y).round() + bound.round().abs());
-        if !independent && miss.round() <= ((across + noise) * size).max(4.0 * given) {
+        if !independent && miss.round() <= (across + noise) * size {
             return Event::Excused;
         }
         let full = if miss > T::ZERO { miss / rest / rest } else { T::ZERO };
@@ -225,6 +225,7 @@ impl<T: Real> Goldfarb<T> {
                 (Event::Leaves { position, step }, step)
             }
             _ if independent => (Event::Joins { rest }, full),
+            _ if miss.round() <= 4.0 * given => return Event::Excused,
             _ => {
                 // A certificate by a margin that no rounding of the rows could make up for.
                 self.doubtful = miss.round() <= FAR * (across + noise) * size;

@@ -1,6 +1,6 @@
 //! What `QpSolver` promises beyond the answer: no allocation, the same bits, refusals, no NaN.
 
-use crate::support::{Problem, feasible, generator, mpc, vector};
+use crate::support::{self, Problem, feasible, generator, matrix, mpc, vector};
 use nalgebra::{DMatrix, DVector};
 use qp::{
     ActiveSet, Hildreth, HildrethSettings, QpError, QpSolver, QpStatus, Settings, kkt_residuals,
@@ -362,5 +362,33 @@ fn axes_that_share_nothing_are_solved_as_if_alone_warm_restored_and_relinearised
                 }
             }
         }
+    }
+}
+
+#[test]
+fn rows_that_meet_in_one_point_but_for_rounding_are_solved() {
+    for seed in 0..200 {
+        let mut random = generator(seed);
+        // Sums of decaying sequences, as the levels of an input at its bound, beside one of ordinary size.
+        let mut levels = matrix(&mut random, 18, 4);
+        for m in 1..18 {
+            for j in 0..4 {
+                let step = levels[(m, j)] * libm::pow(0.6, m as f64);
+                levels[(m, j)] = levels[(m - 1, j)] + step;
+            }
+        }
+        let mut rows = DMatrix::zeros(19, 5);
+        rows.view_mut((0, 0), (18, 4)).copy_from(&levels);
+        rows[(18, 4)] = 1.0;
+        let mut hessian = DMatrix::identity(5, 5);
+        hessian.view_mut((0, 0), (4, 4)).copy_from(&support::hessian(&mut random, 4, 1e3));
+        let outwards = levels.row_sum().transpose();
+        let f = DVector::from_fn(5, |j, _| if j < 4 { -0.1 * outwards[j] } else { -0.4 });
+        let upper = DVector::from_fn(19, |i, _| if i < 18 { 7.1e-15 } else { 0.2 });
+        let lower = upper.map(|_| -1.5);
+        let problem = Problem { hessian, rows, f, lower, upper };
+        let mut solver = problem.active_set().unwrap();
+        let outcome = solver.solve(&problem.f, &problem.lower, &problem.upper);
+        assert_eq!(outcome.status, QpStatus::Solved, "seed {seed}");
     }
 }
