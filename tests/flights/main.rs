@@ -32,6 +32,7 @@ mod storms;
 mod study;
 mod swap;
 mod topic;
+mod tracking;
 mod trace;
 mod verdict;
 mod view;

@@ -82,7 +82,12 @@ impl Scenario {
     /// # Errors
     /// None for a scenario that has been loaded.
     pub fn position_law(&self) -> Result<PositionLawConfig, position_mpc::ConfigError> {
-        self.settings.position_mpc.law_config(self.settings.vehicle.rotor_lag_s)
+        let settings = &self.settings;
+        settings.position_mpc.law_config(position_mpc::settings::Surroundings {
+            rotor_lag_s: settings.vehicle.rotor_lag_s,
+            setpoint_latency_s: settings.latency.attitude_setpoint_s,
+            attitude_period_s: 1.0 / self.slot_rate_hz(Role::Attitude),
+        })
     }
 
     /// Rate of the loop in a slot \[Hz\].
@@ -123,7 +128,6 @@ impl Scenario {
         Ok(self.settings.position_pid.law_config(&Shared {
             rate_hz: mpc.rate_hz,
             tilt_max_rad: mpc.tilt_max_rad,
-            tilt_step_max_rad: mpc.tilt_step_max_rad,
             thrust_weights: [mpc.thrust_min_weights, mpc.thrust_max_weights],
             thrust_step_max_weights: mpc.thrust_step_max_weights,
         }))

@@ -8,6 +8,7 @@ use controller::preview::{Landing, preview};
 use controller::sampling::{age_s, fallback_status, gamma_rad, period_ns};
 use nalgebra::Vector3;
 use runtime::{Link, Service};
+use shared_types::time::ns_from_s;
 use shared_types::{BoundedInput, PositionReport, SolveReport, SolveStatus};
 use vehicle::VehicleParameters;
 
@@ -31,6 +32,7 @@ pub struct PositionMpc {
     law: PositionLaw,
     period_s: f64,
     period_ns: u64,
+    latency_ns: u64,
     landing: Landing,
     /// Reference over the horizon, reused every step.
     points: Vec<Vector3<f64>>,
@@ -48,11 +50,12 @@ impl PositionMpc {
         landing: Landing,
     ) -> Result<Self, ConfigError> {
         let period_s = 1.0 / config.rate_hz;
-        let points = vec![Vector3::zeros(); config.horizon.prediction];
         let period_ns = period_ns(config.rate_hz);
+        let latency_ns = ns_from_s(config.setpoint_latency_s);
         let law = PositionLaw::new(config, vehicle)?;
+        let points = vec![Vector3::zeros(); law.look_ahead()];
         let tracked = Tracked::default();
-        Ok(Self { law, period_s, period_ns, landing, points, tracked })
+        Ok(Self { law, period_s, period_ns, latency_ns, landing, points, tracked })
     }
 
     fn report(&self, output: &Output) -> PositionReport {
@@ -116,9 +119,10 @@ impl Service for PositionMpc {
     fn track(&mut self, now_ns: u64, inputs: &Inputs) {
         self.tracked.take_shadowing(inputs);
         if let Some(setpoint) = self.tracked.setpoint {
-            // Chosen before the set point of k−1 could be in effect.
-            let late = self.tracked.release_ns + self.period_ns <= now_ns;
-            self.law.track(&setpoint, late);
+            // That step had heard of the set points that were one latency old.
+            let since_ns = now_ns.saturating_sub(self.tracked.release_ns) + self.latency_ns;
+            let periods = since_ns.div_ceil(self.period_ns).saturating_sub(1);
+            self.law.track(&setpoint, usize::try_from(periods).unwrap_or(usize::MAX));
         }
     }
 

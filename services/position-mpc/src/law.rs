@@ -2,13 +2,14 @@
 
 use controller::Setpoint;
 use controller::heading::{angles_at, input_of, present_tilt};
-use mpc::{IncrementalMpc, LaggedAxis, Limits, Measured, Move, Operating, QpStatus};
+use mpc::{IncrementalMpc, Limits, Measured, Move, Operating, QpStatus};
 use nalgebra::{SVector, Vector3};
 use vehicle::VehicleParameters;
 
 use crate::config::{ConfigError, PositionLawConfig};
 use crate::memory::Memory;
 use crate::model;
+use crate::transport::{HISTORY, Transport};
 
 /// What the law knows at its sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,8 +22,8 @@ pub struct Input<'a> {
     pub gamma_rad: Vector3<f64>,
     /// Time since these were valid \[s\].
     pub age_s: f64,
-    /// Desired p \[m\] in W at k+1, k+2, …: Np of them are used, and the last one is held if
-    /// there are fewer. Empty holds what was last given.
+    /// Desired p \[m\] in W at k+1, k+2, …: [`PositionLaw::look_ahead`] of them are used, and the last one
+    /// is held if there are fewer. Empty holds what was last given.
     pub reference_w_m: &'a [Vector3<f64>],
     /// Desired ψ \[rad\].
     pub reference_yaw_rad: f64,
@@ -76,7 +77,7 @@ type State = SVector<f64, 12>;
 #[derive(Debug)]
 pub struct PositionLaw {
     config: PositionLawConfig,
-    thrust_axis: LaggedAxis,
+    ways: [Transport; 3],
     operating: Operating<3>,
     limits: Limits<'static, 3>,
     engine: IncrementalMpc<3>,
@@ -96,7 +97,7 @@ impl PositionLaw {
         vehicle.validate()?;
         Ok(Self {
             config,
-            thrust_axis: model::thrust_axis(&config),
+            ways: model::ways(&config),
             operating: model::operating(&config, vehicle),
             limits: model::limits(&config, vehicle),
             engine: IncrementalMpc::new(&model::design(&config), config.solver)?,
@@ -115,7 +116,11 @@ impl PositionLaw {
         let now = self.measured(&x);
         let points = input.reference_w_m;
         let last = points.last().copied().unwrap_or_else(|| self.hold(&x));
-        let reference = |ahead: usize| points.get(ahead - 1).copied().unwrap_or(last);
+        let ways = self.ways;
+        // What a command of now can reach begins later by the periods that it is under way.
+        let reference = |ahead: usize| {
+            Vector3::from_fn(|i, _| points.get(ahead + ways[i].periods - 1).unwrap_or(&last)[i])
+        };
         let chosen = self.engine.step(&now, &self.operating, reference, &self.limits, None);
 
         let psi = input.gamma_rad.z;
@@ -126,20 +131,19 @@ impl PositionLaw {
         };
         self.memory.heading_rad = psi;
         self.memory.hold_w_m = last.into();
-        self.memory.previous_setpoint = self.memory.setpoint;
-        self.memory.setpoint = [phi, theta, input.reference_yaw_rad, chosen.u.z];
+        self.memory.setpoints.rotate_right(1);
+        self.memory.setpoints[0] = [phi, theta, input.reference_yaw_rad, chosen.u.z];
         self.remember(&x, &chosen);
         self.output(&chosen, setpoint)
     }
 
-    /// Brings u(k−1) and the thrust copy to this sample.
+    /// Brings the inputs as applied and the thrust copy to this sample.
     fn follow_applied(&mut self, input: &Input<'_>) {
         let memory = &mut self.memory;
-        // An attitude loop no faster than this one takes the last setpoint only now.
-        let own = [memory.setpoint, memory.previous_setpoint].map(Setpoint::from);
         let foreign = input.applied.filter(|setpoint| {
-            // The law's own command keeps its bits instead of being rotated there and back.
-            !own.contains(setpoint)
+            // The law's own command keeps its bits instead of being rotated there and back. One that is reported late is
+            // still its own: what came after it is under way.
+            !memory.setpoints.iter().any(|own| Setpoint::from(*own) == *setpoint)
                 && setpoint.gamma_rad.iter().chain([&setpoint.thrust_n]).all(|v| v.is_finite())
         });
         let heading = if memory.commanded { memory.heading_rad } else { input.gamma_rad.z };
@@ -148,25 +152,32 @@ impl PositionLaw {
             input_of(gamma.x, gamma.y, heading, setpoint.thrust_n)
         });
         if memory.commanded {
-            let (axis, before) = (&self.thrust_axis, memory.applied[2]);
-            let early = axis.actuator_after(memory.thrust_n, before, axis.delay_s);
-            let rest = self.config.period_s() - axis.delay_s;
-            memory.thrust_n = axis.actuator_after(early, latest.z, rest);
+            self.pass_period(latest);
         } else if heading.is_finite() {
             // A successor starts from what its predecessor left in effect.
             memory.thrust_n = latest.z;
-        } else {
-            return;
+            memory.inputs = [latest.into(); HISTORY];
         }
-        memory.applied = latest.into();
+    }
+
+    /// Remembers that `latest` was commanded for this period, and what the thrust has become meanwhile.
+    fn pass_period(&mut self, latest: Vector3<f64>) {
+        let memory = &mut self.memory;
+        memory.inputs.rotate_right(1);
+        memory.inputs[0] = latest.into();
+        let Transport { periods, axis } = &self.ways[2];
+        let [acting, before] = [*periods, periods + 1].map(|late| memory.inputs[late][2]);
+        let early = axis.actuator_after(memory.thrust_n, before, axis.delay_s);
+        let rest = self.config.period_s() - axis.delay_s;
+        memory.thrust_n = axis.actuator_after(early, acting, rest);
     }
 
     /// Takes u(k−1) from another controller, whose set point the attitude loop last applied. For each
     /// sample before its step, while another one flies.
     ///
-    /// An attitude loop no faster than this one still reports u(k−2), which is then `late`: it is
-    /// carried on by the increment that this law chose at k−1.
-    pub fn track(&mut self, applied: &Setpoint, late: bool) {
+    /// An attitude loop that is no faster than this one, or hears of a set point late, still reports
+    /// u(k−1−`late`). It is carried on by the increments that this law chose since.
+    pub fn track(&mut self, applied: &Setpoint, late: usize) {
         let gamma = &applied.gamma_rad;
         let numbers = gamma.iter().chain([&applied.thrust_n]);
         if !self.memory.commanded || !numbers.into_iter().all(|value| value.is_finite()) {
@@ -175,18 +186,23 @@ impl PositionLaw {
         }
         let memory = &mut self.memory;
         let given = [gamma.x, gamma.y, gamma.z, applied.thrust_n];
-        let own = if late { memory.previous_setpoint } else { memory.setpoint };
+        let late = late.min(HISTORY - 1);
+        let own = memory.setpoints[late];
         // By how much it differs from what this law would have flown, seen in the ψ = 0 frame.
         let [phi, theta, _, thrust] = core::array::from_fn(|i| given[i] - own[i]);
         let apart = input_of(phi, theta, memory.heading_rad, thrust);
         memory.command = (Vector3::from(memory.command) + apart).into();
-        if late {
-            memory.previous_setpoint = given;
-            let last = memory.setpoint;
-            memory.setpoint = [last[0] + phi, last[1] + theta, gamma.z, last[3] + thrust];
-        } else {
-            memory.setpoint = given;
+        memory.setpoints[late] = given;
+        for later in &mut memory.setpoints[..late] {
+            *later = [later[0] + phi, later[1] + theta, gamma.z, later[3] + thrust];
         }
+    }
+
+    /// Points of the reference that a step uses: Np, and those of the periods that a set point is under way.
+    #[must_use]
+    pub fn look_ahead(&self) -> usize {
+        let late = self.ways.iter().map(|way| way.periods).max();
+        self.config.horizon.prediction + late.unwrap_or(0)
     }
 
     fn state(&self, input: &Input<'_>) -> State {
@@ -197,24 +213,44 @@ impl PositionLaw {
         x.fixed_rows_mut::<3>(0).copy_from(&position);
         x.fixed_rows_mut::<3>(3).copy_from(&input.velocity_w_m_s);
         x.fixed_rows_mut::<3>(6).copy_from_slice(&[theta, phi, self.memory.thrust_n]);
-        x.fixed_rows_mut::<3>(9).copy_from_slice(&self.memory.applied);
+        x.fixed_rows_mut::<3>(9).copy_from_slice(&self.memory.inputs[0]);
         x
     }
 
-    /// Δx(k), y(k) and u(k−1); Δx = 0 where there is no sample k−1.
+    /// Δx, y and u(k−1) at the sample at which a command of now begins to act, axis by axis.
+    ///
+    /// The gain of position is that of the velocity and not the difference of two estimates of position: the prediction
+    /// takes it for a motion that goes on over the whole look-ahead, and a pose fix after a drop-out makes that
+    /// difference a step. Where there is no sample k−1 the velocity has not changed.
     fn measured(&self, x: &State) -> Measured<3> {
-        let increment =
-            if self.memory.primed { x - State::from(self.memory.state) } else { State::zeros() };
-        let part = |of: &State, i: usize| of.fixed_rows::<3>(3 * i).into_owned();
-        Measured {
+        let Memory { primed, state, inputs, .. } = &self.memory;
+        let before = if *primed { State::from(*state) } else { *x };
+        let increment = x - before;
+        let mean_rate = (part(x, 1) + part(&before, 1)) * 0.5;
+        let mut now = Measured {
             output: part(x, 0),
-            output_increment: part(&increment, 0),
+            output_increment: mean_rate * self.config.period_s(),
             rate: part(x, 1),
             rate_increment: part(&increment, 1),
             actuator_increment: part(&increment, 2),
             input_increment: part(&increment, 3),
             u_previous: part(x, 3),
+        };
+        for (i, way) in self.ways.iter().enumerate().filter(|(_, way)| way.periods > 0) {
+            let gain = self.operating.gain[i];
+            let move_at = |late: usize| gain * (inputs[late][i] - inputs[late + 1][i]);
+            let actuator = gain * now.actuator_increment[i];
+            let acting = if *primed { move_at(way.periods) } else { 0.0 };
+            let mut z = [now.output_increment[i], now.rate_increment[i], actuator, acting];
+            let gained = way.carry(&mut z, move_at, self.config.period_s());
+            now.output[i] += gained[0];
+            now.rate[i] += gained[1];
+            now.output_increment[i] = z[0];
+            now.rate_increment[i] = z[1];
+            now.actuator_increment[i] = z[2] / gain;
+            now.input_increment[i] = z[3] / gain;
         }
+        now
     }
 
     /// Where to stay when no reference is given: the last point of the last one.
@@ -262,7 +298,7 @@ impl PositionLaw {
     fn refuse(&mut self) -> Output {
         self.memory.counters.refused += 1;
         self.memory.primed = false;
-        let setpoint = Setpoint::from(self.memory.setpoint);
+        let setpoint = Setpoint::from(self.memory.setpoints[0]);
         let held = Move {
             u: self.memory.command.into(),
             du: Vector3::zeros(),
@@ -280,6 +316,9 @@ impl PositionLaw {
     /// Δx = 0.
     pub fn miss(&mut self) {
         self.memory.primed = false;
+        if self.memory.commanded {
+            self.pass_period(self.memory.command.into());
+        }
     }
 
     /// The program of the last step, for study and benchmarks.
@@ -304,6 +343,11 @@ impl PositionLaw {
         self.memory = *memory;
         Ok(())
     }
+}
+
+/// Three of the numbers of x: position, velocity, actuators or u(k−1).
+fn part(x: &State, i: usize) -> Vector3<f64> {
+    x.fixed_rows::<3>(3 * i).into_owned()
 }
 
 fn is_finite(input: &Input<'_>) -> bool {

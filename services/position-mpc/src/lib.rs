@@ -13,6 +13,7 @@ mod law;
 mod memory;
 mod model;
 pub mod settings;
+mod transport;
 
 pub use component::PositionMpc;
 pub use config::{ConfigError, PositionLawConfig};

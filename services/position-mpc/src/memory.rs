@@ -2,6 +2,8 @@
 
 use mpc::ROW_CAPACITY;
 
+use crate::transport::HISTORY;
+
 shared_types::memory! {
     /// What happened so far; carried over by a restore.
     #[derive(PartialEq, Eq)]
@@ -33,14 +35,12 @@ shared_types::memory! {
         pub thrust_n: f64,
         /// Last command in the ψ = 0 frame: (θ₀, φ₀, T), \[rad, rad, N\].
         pub command: [f64; 3],
-        /// In effect before it, as applied.
-        pub applied: [f64; 3],
+        /// Inputs as applied, u(k−1), u(k−2), …, where the last step was that of k.
+        pub inputs: [[f64; 3]; HISTORY],
         /// ψ \[rad\] by which it was rotated.
         pub heading_rad: f64,
-        /// Last setpoint (φ, θ, ψ, T), \[rad, rad, rad, N\].
-        pub setpoint: [f64; 4],
-        /// The setpoint before it.
-        pub previous_setpoint: [f64; 4],
+        /// Setpoints (φ, θ, ψ, T), the last one first, \[rad, rad, rad, N\].
+        pub setpoints: [[f64; 4]; HISTORY],
         /// Position \[m\] to hold when the reference ends.
         pub hold_w_m: [f64; 3],
         /// Bound each row of the program was held at, packed.
@@ -59,10 +59,9 @@ impl Memory {
             state: [0.0; 12],
             thrust_n: weight_n,
             command: [0.0, 0.0, weight_n],
-            applied: [0.0, 0.0, weight_n],
+            inputs: [[0.0, 0.0, weight_n]; HISTORY],
             heading_rad: 0.0,
-            setpoint: [0.0, 0.0, 0.0, weight_n],
-            previous_setpoint: [0.0, 0.0, 0.0, weight_n],
+            setpoints: [[0.0, 0.0, 0.0, weight_n]; HISTORY],
             hold_w_m: [0.0; 3],
             working_set: [0; ROW_CAPACITY / 32],
             counters: Counters::default(),

@@ -1,36 +1,31 @@
 //! Prediction model, weights and limits, all constant: the translation does not see the morph.
 
-use mpc::{
-    AxisDesign, Basis, Bounds, Constraints, Coupled, Design, Hardness, LaggedAxis, Limits,
-    Operating,
-};
+use mpc::{AxisDesign, Basis, Bounds, Constraints, Coupled, Design, Hardness, Limits, Operating};
 use nalgebra::Vector3;
 use vehicle::VehicleParameters;
 
 use crate::config::PositionLawConfig;
+use crate::transport::Transport;
 
-/// The rotors as seen from here.
-pub(crate) fn thrust_axis(config: &PositionLawConfig) -> LaggedAxis {
-    LaggedAxis { gain: 1.0, lag_s: config.thrust_lag_s, delay_s: config.thrust_delay_s }
+/// The ways of θ₀, φ₀ and T to the vehicle. The tilt stands behind the attitude loop, here a lag and a delay, the thrust
+/// behind the rotors; without them the outer loop overshoots.
+pub(crate) fn ways(config: &PositionLawConfig) -> [Transport; 3] {
+    let period_s = config.period_s();
+    let tilt = Transport::new(config.tilt_lag_s, config.tilt_delay_s, period_s);
+    let thrust = Transport::new(config.thrust_lag_s, config.thrust_delay_s, period_s);
+    [tilt, tilt, thrust]
 }
 
-/// What the engine is built from. The tilt stands behind the attitude loop, here a lag and a
-/// delay, the thrust behind the rotors; without them the outer loop overshoots.
+/// What the engine is built from: it predicts from the sample at which a command of now begins to act.
 pub(crate) fn design(config: &PositionLawConfig) -> Design<3> {
     let pulses = [Basis::pulses(config.horizon.control); 3];
-    let axes = core::array::from_fn(|i| {
-        let (lag_s, delay_s) = if i < 2 {
-            (config.tilt_lag_s, config.tilt_delay_s)
-        } else {
-            (config.thrust_lag_s, config.thrust_delay_s)
-        };
-        AxisDesign {
-            lag_s,
-            delay_s,
-            basis: config.laguerre.unwrap_or(pulses)[i],
-            output_weight: config.output_weight[i],
-            terminal_factor: config.terminal_factor,
-        }
+    let ways = ways(config);
+    let axes = core::array::from_fn(|i| AxisDesign {
+        lag_s: ways[i].axis.lag_s,
+        delay_s: ways[i].axis.delay_s,
+        basis: config.laguerre.unwrap_or(pulses)[i],
+        output_weight: config.output_weight[i],
+        terminal_factor: config.terminal_factor,
     });
     let hardness =
         |penalty: Option<f64>| penalty.map_or(Hardness::Hard, |penalty| Hardness::Soft { penalty });

@@ -9,6 +9,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::transport::transport_s;
 use crate::{Basis, ConfigError, Horizon, PositionLawConfig, SolverKind};
 
 /// What the position law is told by a scenario.
@@ -21,7 +22,7 @@ pub struct Settings {
     /// Np in samples.
     #[garde(range(min = 1, max = 200))]
     pub prediction_horizon: Option<u16>,
-    /// Nc in samples.
+    /// Nc in samples: one unknown for each of them instead of Laguerre functions, unless these are given.
     #[garde(range(min = 1, max = 50))]
     pub control_horizon: Option<u16>,
     /// W of (15) on tilt increments \[m²/rad²\].
@@ -59,7 +60,7 @@ pub struct Settings {
     /// Bound on |φ| and |θ| \[rad\].
     #[garde(range(min = 0.01, max = 0.8))]
     pub tilt_max_rad: Option<f64>,
-    /// Bound on their change in one sample \[rad\].
+    /// Bound on their change in one sample \[rad\]; 2.5 rad/s if left out.
     #[garde(range(min = 1e-3, max = 1.6))]
     pub tilt_step_max_rad: Option<f64>,
     /// Least thrust over weight.
@@ -74,13 +75,13 @@ pub struct Settings {
     /// Lag of the attitude loop as seen from here \[s\].
     #[garde(range(min = 0.0, max = 1.0))]
     pub tilt_lag_s: Option<f64>,
-    /// Delay of the attitude loop as seen from here \[s\].
+    /// Delay of the attitude loop as seen from here \[s\]; follows the latency of set points and its rate if left out.
     #[garde(range(min = 0.0, max = 1.0))]
     pub tilt_delay_s: Option<f64>,
     /// Lag of the thrust \[s\]; the vehicle's rotor lag if left out.
     #[garde(range(min = 0.0, max = 1.0))]
     pub thrust_lag_s: Option<f64>,
-    /// Delay of the thrust \[s\].
+    /// Delay of the thrust \[s\]; follows the latency of set points and the rate of the attitude loop if left out.
     #[garde(range(min = 0.0, max = 1.0))]
     pub thrust_delay_s: Option<f64>,
     /// Solver of the quadratic program: `active-set`, or for comparison `hildreth` or `hildreth-converged`.
@@ -119,24 +120,40 @@ impl Default for Settings {
     }
 }
 
+/// What a position law is told of the loops around it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Surroundings {
+    /// First-order lag of the rotors \[s\].
+    pub rotor_lag_s: f64,
+    /// Declared latency of the attitude set point \[s\].
+    pub setpoint_latency_s: f64,
+    /// Period of the attitude loop \[s\].
+    pub attitude_period_s: f64,
+}
+
+impl Surroundings {
+    /// By how much later \[s\] a set point acts than with the latency and the attitude loop that the law's delays are for.
+    fn late_s(&self, period_s: f64) -> f64 {
+        let usual_s = transport_s(0.001, 0.010, period_s);
+        (transport_s(self.setpoint_latency_s, self.attitude_period_s, period_s) - usual_s).max(0.0)
+    }
+}
+
 impl Settings {
-    /// The law's numbers for rotors of `rotor_lag_s`, checked.
+    /// The law's numbers in these surroundings, checked.
     ///
     /// # Errors
     /// The first number that the law refuses.
-    pub fn law_config(&self, rotor_lag_s: f64) -> Result<PositionLawConfig, ConfigError> {
+    pub fn law_config(&self, around: Surroundings) -> Result<PositionLawConfig, ConfigError> {
         let base = PositionLawConfig::flight(self.rate_hz);
+        let late_s = around.late_s(base.period_s());
         let config = PositionLawConfig {
             horizon: self.horizon(base.horizon),
             tilt_weight: self.tilt_weight.unwrap_or(base.tilt_weight),
             thrust_weight: self.thrust_weight.unwrap_or(base.thrust_weight),
             output_weight: self.output_weight.unwrap_or(base.output_weight),
             terminal_factor: self.terminal_factor.unwrap_or(base.terminal_factor),
-            laguerre: Basis::given(
-                self.laguerre_pole,
-                self.laguerre_terms,
-                self.horizon(base.horizon).control,
-            ),
+            laguerre: self.laguerre(&base),
             level_penalty: self.level_penalty,
             increment_penalty: self.increment_penalty,
             speed_max_m_s: self.speed_max_m_s,
@@ -149,9 +166,10 @@ impl Settings {
                 .thrust_step_max_weights
                 .unwrap_or(base.thrust_step_max_weights),
             tilt_lag_s: self.tilt_lag_s.unwrap_or(base.tilt_lag_s),
-            tilt_delay_s: self.tilt_delay_s.unwrap_or(base.tilt_delay_s),
-            thrust_lag_s: self.thrust_lag_s.unwrap_or(rotor_lag_s),
-            thrust_delay_s: self.thrust_delay_s.unwrap_or(base.thrust_delay_s),
+            tilt_delay_s: self.tilt_delay_s.unwrap_or(base.tilt_delay_s + late_s),
+            thrust_lag_s: self.thrust_lag_s.unwrap_or(around.rotor_lag_s),
+            thrust_delay_s: self.thrust_delay_s.unwrap_or(base.thrust_delay_s + late_s),
+            setpoint_latency_s: around.setpoint_latency_s,
             solver: self.solver,
             ..base
         };
@@ -159,11 +177,18 @@ impl Settings {
         Ok(config)
     }
 
+    fn laguerre(&self, base: &PositionLawConfig) -> Option<[Basis; 3]> {
+        let control = self.horizon(base.horizon).control;
+        let given = Basis::given(self.laguerre_pole, self.laguerre_terms, control);
+        let suits_rate = base.laguerre.filter(|_| self.control_horizon.is_none());
+        given.or(suits_rate)
+    }
+
     fn horizon(&self, base: Horizon) -> Horizon {
-        self.prediction_horizon.map_or(base, |prediction| Horizon {
-            prediction: prediction.into(),
-            control: self.control_horizon.unwrap_or(prediction.div_ceil(10).max(3)).into(),
-        })
+        Horizon {
+            prediction: self.prediction_horizon.map_or(base.prediction, usize::from),
+            control: self.control_horizon.map_or(base.control, usize::from),
+        }
     }
 }
 
@@ -171,6 +196,9 @@ impl Settings {
 mod tests {
     use super::*;
     use mpc::MpcError;
+
+    const AROUND: Surroundings =
+        Surroundings { rotor_lag_s: 0.015, setpoint_latency_s: 0.001, attitude_period_s: 0.010 };
 
     fn settings(toml: &str) -> Settings {
         toml::from_str(toml).unwrap()
@@ -180,16 +208,32 @@ mod tests {
     fn an_empty_section_flies_the_law_of_its_rate() {
         for rate_hz in [20.0, 50.0, 100.0, 200.0] {
             let settings = settings(&format!("rate_hz = {rate_hz}"));
-            assert_eq!(settings.law_config(0.015), Ok(PositionLawConfig::flight(rate_hz)));
+            assert_eq!(settings.law_config(AROUND), Ok(PositionLawConfig::flight(rate_hz)));
         }
     }
 
     #[test]
-    fn a_delay_beyond_one_period_is_refused_by_name() {
-        let refusal = settings("tilt_delay_s = 0.05").law_config(0.015).unwrap_err();
+    fn a_delay_beyond_the_set_points_that_are_remembered_is_refused_by_name() {
+        assert!(settings("tilt_delay_s = 0.3").law_config(AROUND).is_ok());
+        let refusal = settings("tilt_delay_s = 0.31").law_config(AROUND).unwrap_err();
         assert!(matches!(
             refusal,
             ConfigError::Engine(MpcError::OutOfRange { name: "tilt_delay_s", .. })
         ));
+    }
+
+    #[test]
+    fn a_late_set_point_and_a_slow_attitude_loop_are_in_the_delays() {
+        let delays = |rate_hz: f64, latency_s: f64, attitude_period_s: f64| {
+            let around =
+                Surroundings { setpoint_latency_s: latency_s, attitude_period_s, ..AROUND };
+            let config = settings(&format!("rate_hz = {rate_hz}")).law_config(around).unwrap();
+            [config.tilt_delay_s, config.thrust_delay_s]
+        };
+        let close = |delays: [f64; 2], tilt_s: f64, thrust_s: f64| {
+            (delays[0] - tilt_s).abs() < 1e-12 && (delays[1] - thrust_s).abs() < 1e-12
+        };
+        assert!(close(delays(50.0, 0.032, 0.010), 0.040, 0.032));
+        assert!(close(delays(200.0, 0.001, 0.020), 0.020, 0.012));
     }
 }

@@ -36,7 +36,7 @@ pub struct Settings {
     pub tilt_max_rad: Option<f64>,
     /// Bound on their change in one sample \[rad\].
     #[garde(range(min = 1e-3, max = 1.6))]
-    pub tilt_step_max_rad: Option<f64>,
+    pub tilt_step_max_rad: f64,
     /// Least thrust over weight.
     #[garde(range(min = 0.0, max = 1.0))]
     pub thrust_min_weights: Option<f64>,
@@ -61,7 +61,7 @@ impl Default for Settings {
             lead_s: 0.05,
             windup_s: 0.2,
             tilt_max_rad: None,
-            tilt_step_max_rad: None,
+            tilt_step_max_rad: 0.10,
             thrust_min_weights: None,
             thrust_max_weights: None,
             thrust_step_max_weights: None,
@@ -76,8 +76,6 @@ pub struct Shared {
     pub rate_hz: f64,
     /// Bound on |φ| and |θ| \[rad\].
     pub tilt_max_rad: f64,
-    /// Bound on their change in one sample \[rad\].
-    pub tilt_step_max_rad: f64,
     /// Least and largest thrust over weight.
     pub thrust_weights: [f64; 2],
     /// Bound on the change of thrust over weight in one sample.
@@ -98,7 +96,7 @@ impl Settings {
             lead_s: self.lead_s,
             windup_s: self.windup_s,
             tilt_max_rad: self.tilt_max_rad.unwrap_or(shared.tilt_max_rad),
-            tilt_step_max_rad: self.tilt_step_max_rad.unwrap_or(shared.tilt_step_max_rad),
+            tilt_step_max_rad: self.tilt_step_max_rad,
             thrust_weights: [
                 self.thrust_min_weights.unwrap_or(least),
                 self.thrust_max_weights.unwrap_or(most),

@@ -26,7 +26,6 @@ fn config(rate_hz: f64, settings: &Settings) -> PositionPidConfig {
     settings.law_config(&Shared {
         rate_hz,
         tilt_max_rad: bounds.tilt_max_rad,
-        tilt_step_max_rad: bounds.tilt_step_max_rad,
         thrust_weights: [bounds.thrust_min_weights, bounds.thrust_max_weights],
         thrust_step_max_weights: bounds.thrust_step_max_weights,
     })

@@ -34,7 +34,8 @@ impl<const N: usize> Bounds<N> {
     /// one point. What is optimal within such room no double can tell.
     pub(crate) fn with_rounding_taken_off(&self, u: &SVector<f64, N>) -> SVector<f64, N> {
         u.zip_zip_map(&self.u_min, &self.u_max, |u, least, most| {
-            let is_at = |bound: f64| (u - bound).abs() <= ROUNDING * bound.abs() && bound.is_finite();
+            let is_at =
+                |bound: f64| (u - bound).abs() <= ROUNDING * bound.abs() && bound.is_finite();
             if is_at(least) {
                 least
             } else if is_at(most) {
@@ -201,7 +202,8 @@ mod tests {
 
     #[test]
     fn a_level_within_rounding_of_its_bound_is_at_it() {
-        let (u_min, u_max) = (Vector3::new(-0.35, 0.0, 0.3), Vector3::new(0.35, f64::INFINITY, 2.0));
+        let (u_min, u_max) =
+            (Vector3::new(-0.35, 0.0, 0.3), Vector3::new(0.35, f64::INFINITY, 2.0));
         let bounds = Bounds { u_min, u_max, du_max: Vector3::repeat(0.1) };
         let taken = |u: [f64; 3]| bounds.with_rounding_taken_off(&Vector3::from(u));
         assert_eq!(taken([-0.35 + 4e-15, 1.0, 2.0 + 9e-15]), Vector3::new(-0.35, 1.0, 2.0));

@@ -138,7 +138,7 @@ fn each_impossible_number_is_refused_by_name() {
         ("tilt_step_max_rad", |c| c.tilt_step_max_rad = 0.0),
         ("thrust_min_weights", |c| c.thrust_min_weights = 1.1),
         ("thrust_max_weights", |c| c.thrust_max_weights = 0.9),
-        ("tilt_delay_s", |c| c.tilt_delay_s = 0.021),
+        ("tilt_delay_s", |c| c.tilt_delay_s = 0.301),
         ("thrust_lag_s", |c| c.thrust_lag_s = f64::INFINITY),
     ];
     for (name, spoil) in cases {

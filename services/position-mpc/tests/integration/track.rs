@@ -1,6 +1,7 @@
 //! A fresh law beside one that flies, told only what the attitude loop applied.
 
 use std::cell::Cell;
+use std::collections::VecDeque;
 use std::rc::Rc;
 
 use crate::cascade::{Cascade, Flight};
@@ -19,8 +20,8 @@ fn circle(t: f64) -> (Vector3<f64>, f64) {
 }
 
 /// Flies a circle with a shadow that joins after a second; the attitude loop's report is `late` by
-/// one sample of this law or not. Worst difference in the last two seconds.
-fn shadowed(rates: (f64, f64), late: bool) -> f64 {
+/// so many samples of this law. Worst difference in the last two seconds.
+fn shadowed(rates: (f64, f64), late: usize) -> f64 {
     let (position_hz, attitude_hz) = rates;
     let vehicle = VehicleParameters::default();
     let config = PositionLawConfig::flight(position_hz);
@@ -31,10 +32,12 @@ fn shadowed(rates: (f64, f64), late: bool) -> f64 {
     let worst = Rc::new(Cell::new(0.0_f64));
     let seen = Rc::clone(&worst);
     let mut steps: u32 = 0;
-    let mut before: Option<Setpoint> = None;
+    let mut reports = VecDeque::new();
     cascade.watch = Box::new(move |input: &Input<'_>, output: &Output| {
         let now = input.applied.unwrap();
-        let reported = if late { before.replace(now).unwrap_or(now) } else { now };
+        reports.push_front(now);
+        reports.truncate(late + 1);
+        let reported: Setpoint = *reports.back().unwrap();
         steps += 1;
         let t_s = f64::from(steps) / position_hz;
         if t_s < 1.0 {
@@ -58,7 +61,7 @@ fn shadowed(rates: (f64, f64), late: bool) -> f64 {
 #[test]
 fn a_fresh_law_that_tracks_a_flying_one_commands_the_same_one_step_ahead() {
     for rates in [(50.0, 100.0), (50.0, 500.0), (100.0, 100.0), (200.0, 200.0)] {
-        for late in [false, true] {
+        for late in [0, 1, 3] {
             let worst = shadowed(rates, late);
             assert!(worst <= TOLERANCE, "{rates:?}, late {late}: {worst}");
         }

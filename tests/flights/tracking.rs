@@ -1,0 +1,42 @@
+//! How close the shipped figure eight is followed where loops are slow, set points late or bounds reached.
+
+use crate::common::fly;
+
+/// Root mean square of the distance from the path \[m\].
+fn rms_m(words: &[&str]) -> f64 {
+    let flown = fly(&[&["figure8-morph", "--in-process", "--no-record"], words].concat());
+    flown.summary()["tracking_rms_m"].as_f64().unwrap_or_else(|| panic!("{}", flown.said()))
+}
+
+#[test]
+fn late_set_points_and_other_rates_cost_less_than_the_error_of_the_shipped_ones() {
+    let shipped_m = rms_m(&[]);
+    let late = |latency_s: &str| format!("latency.attitude_setpoint_s={latency_s}");
+    let rates = |position_hz: &str, attitude_hz: &str| {
+        [
+            format!("position_mpc.rate_hz={position_hz}"),
+            format!("attitude_mpc.rate_hz={attitude_hz}"),
+        ]
+    };
+    let mut settings: Vec<Vec<String>> = ["0.032", "0.05"].map(|way| vec![late(way)]).into();
+    let pairs = [("15", "100"), ("200", "100"), ("200", "50"), ("50", "25")];
+    settings.extend(pairs.map(|(position, attitude)| rates(position, attitude).into()));
+    for set in &settings {
+        let words: Vec<&str> = set.iter().flat_map(|set| ["--set", set]).collect();
+        let error_m = rms_m(&words);
+        assert!(error_m <= 2.0 * shipped_m, "{set:?}: {error_m} m, shipped {shipped_m} m");
+    }
+}
+
+#[test]
+fn a_bound_that_is_reached_leaves_the_mpc_closer_than_the_pid() {
+    for period_s in ["8", "5", "4.5", "4"] {
+        let period = format!("pilot.period_s={period_s}");
+        for weather in [&[][..], &["--set", "disturbance_injector.script=[]"]] {
+            let words = [&["--set", &period], weather].concat();
+            let mpc_m = rms_m(&words);
+            let pid_m = rms_m(&[&words[..], &["--controller", "position=position-pid"]].concat());
+            assert!(mpc_m <= pid_m, "{words:?}: {mpc_m} m by the MPC, {pid_m} m by the PID");
+        }
+    }
+}
