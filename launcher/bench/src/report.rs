@@ -240,7 +240,9 @@ impl LoopsReport {
         }
         let _ = write!(
             text,
-            "\n{}\nfaults, allocations and blocks that the transport lent, in steady flight; and what fell to\n\
+            "\n{}\nmissed: begun without final inputs; over: published after the next release; skipped: left out; caught:\n\
+             run late after all; late: samples that came after the step that they were for\n\n\
+             faults, allocations and blocks that the transport lent, in steady flight; and what fell to\n\
              ticks in which a process joined or left\n\n{}",
             self.rates(),
             self.costs()
@@ -259,10 +261,12 @@ impl LoopsReport {
         for taxed in self.overtaxed() {
             let _ = writeln!(
                 text,
-                "\n{} does not hold {} Hz: {:.2} % of its releases missed",
+                "\n{} does not hold {} Hz: {:.2} % of its releases were missed, over or skipped, {} % may be; lower \
+                 its rate, or see with `doctor` what else the machine does",
                 taxed.name,
                 taxed.rate_hz,
-                100.0 * taxed.counts.miss_share()
+                100.0 * taxed.counts.miss_share(),
+                100.0 * MAX_MISS_SHARE
             );
         }
         for notice in &self.notices {

@@ -42,8 +42,11 @@ def ask(*words: str, passes: tuple[int, ...] = (0,)) -> tuple[Any, int]:
     Raises `MorphquadError` with what it said if it ended otherwise than `passes`.
     """
     command = [path(), *words, "--format", "json"]
+    # The first line of a Python controller, `/usr/bin/env python3`, finds the Python that has this package.
+    scripts = sysconfig.get_path("scripts")
+    environment = os.environ | {"PATH": os.pathsep.join([scripts, os.environ.get("PATH", os.defpath)])}
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, text=True, **pipes) as process:
+    with subprocess.Popen(command, text=True, env=environment, **pipes) as process:
         try:
             out, said = process.communicate()
         except KeyboardInterrupt:

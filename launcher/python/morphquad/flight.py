@@ -5,6 +5,7 @@ import functools
 import json
 import math
 import os
+import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -16,6 +17,8 @@ from .recording import Recording
 FLOWN = (0, 1, 5)
 # Those of them with which the flight itself has passed.
 PASSED = (0, 5)
+# How a swap of the script ended that spoils the exit code.
+SPOILED = ("refused", "taken-back")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,6 +85,8 @@ def run(
 
     `goto` is in metres and degrees, `morph` in degrees, durations in seconds.
 
+    Warns of each swap of the script that was refused or taken back: the verdict is about the vehicle.
+
     Raises `MorphquadError` if nothing could be flown, or a process crashed, and `ValueError` or `TypeError` for an
     argument that no flight could have.
     """
@@ -109,6 +114,9 @@ def run(
             words += [f"--{flag}", value]
     summary, exit_code = executable.ask(*words, passes=FLOWN)
     verdict = Verdict(exit_code in PASSED, summary["line"], summary["verdict"]["reasons"])
+    for swap in summary["swaps"]:
+        if swap["scripted"] and swap["ended"] in SPOILED:
+            warnings.warn(f"{swap['to']} does not fly the {swap['slot']} slot: {swap['outcome']}", stacklevel=2)
     file = summary.get("recording")
     return Flight(verdict, summary, exit_code, os.path.abspath(file) if file else None)
 

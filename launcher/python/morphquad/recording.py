@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 class Recording:
     """A recording. `recording["truth"]` is a topic as a pandas DataFrame: a row for each sample, the index `t_s` the
     instant from which it is in effect [s], a column for each number, `field[2]` for an element of a list.
+
+    Made of a file; `open` also takes a name, or "latest".
     """
 
     def __init__(self, file: str | os.PathLike[str]) -> None:

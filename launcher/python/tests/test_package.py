@@ -6,6 +6,7 @@ import os
 import pathlib
 import tempfile
 import unittest
+import unittest.mock
 
 import matplotlib
 import morphquad
@@ -116,10 +117,17 @@ class Package(Folder):
         self.assertTrue(flight.summary["swaps"][0]["done"], flight.summary["swaps"])
 
     def test_a_controller_that_is_refused_leaves_a_flight_that_passed_and_says_so(self):
-        flight = self.swapped("attitude", TEN_LINES.replace("return [", "return [0.0] or ["))
+        with self.assertWarnsRegex(UserWarning, "mine.py does not fly the attitude slot: .*torque"):
+            flight = self.swapped("attitude", TEN_LINES.replace("return [", "return [0.0] or ["))
         self.assertEqual((flight.exit_code, bool(flight.verdict)), (5, True), flight.summary["swaps"])
         told = json.dumps(flight.summary)
         self.assertIn("torque(sample) gave 1 numbers, and three are needed", told)
+
+    def test_a_controller_finds_the_python_that_flies_it_wherever_the_path_leads(self):
+        path = os.pathsep.join(part for part in os.environ["PATH"].split(os.pathsep) if "python" not in part)
+        with unittest.mock.patch.dict(os.environ, {"PATH": path}):
+            flight = self.swapped("attitude", TEN_LINES)
+        self.assertEqual(flight.exit_code, 0, flight.summary["swaps"])
 
     def test_a_position_law_of_one_function_takes_its_slot(self):
         flight = self.swapped("position", POSITION)

@@ -8,7 +8,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum ReadError {
     /// The system cannot read it.
-    #[error("cannot read {}: {cause}; give the path of a recording", path.display())]
+    #[error("cannot read {}: {cause}; give the path of a recording; `recordings list` shows which there are", path.display())]
     System {
         /// The file.
         path: PathBuf,
