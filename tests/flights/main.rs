@@ -32,7 +32,7 @@ mod storms;
 mod study;
 mod swap;
 mod topic;
-mod tracking;
 mod trace;
+mod tracking;
 mod verdict;
 mod view;

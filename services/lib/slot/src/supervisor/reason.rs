@@ -66,7 +66,9 @@ pub enum Reason {
     #[error("{0} already stands by: retire it first")]
     StandbyExists(Seat),
     /// No swap can be undone any more.
-    #[error("there is no swap to roll back: none was made, or its old owner has left; `swap --rollback 30s` keeps it so long")]
+    #[error(
+        "there is no swap to roll back: none was made, or its old owner has left; `swap --rollback 30s` keeps it so long"
+    )]
     NothingToRollBack,
     /// The candidate that is to be rolled back has not taken over.
     #[error(
