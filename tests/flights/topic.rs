@@ -58,6 +58,8 @@ fn a_recording_is_listed_echoed_and_counted_as_an_independent_reader_sees_it() {
     assert_eq!(echoed, format!("0.000000 {} 1\n0.001000 {} 2\n", height_m(0), height_m(1)));
     let (code, _, said) = topic(&["echo", file, "truth", "--field", "position_m"]);
     assert!(code == Some(2) && said.contains("did you mean `position_w_m`"), "{said}");
+    let (code, _, said) = topic(&["echo", file, "reference", "--field", "yaw_rad"]);
+    assert!(code == Some(2) && said.contains("did you mean `points[0].yaw_rad`"), "{said}");
     let (code, _, said) = topic(&["echo", file, "--field", "position_w_m"]);
     assert!(code == Some(2) && said.contains("name the topics"), "{said}");
     let lines = shown(&["echo", file, "wrench_command", "--count", "2", "--format", "jsonl"]);
@@ -110,6 +112,7 @@ fn numbers_of_a_recording_are_drawn_in_each_form_and_never_over_the_recording() 
     }
     for (out, signal, told) in [
         ("a.png", "truth.position", "did you mean `position_w_m`"),
+        ("a.png", "reference.position_w_m", "did you mean `points[0].position_w_m`?"),
         ("a.png", "owner_report.seat", "no topic is called"),
         ("a.gif", "truth.position_w_m", ".png, .svg or .pdf"),
     ] {

@@ -178,7 +178,9 @@ fn controller(with: &str, whom: &[Who], overrides: &[Override]) -> Result<(Who, 
         return Err(Refusal::Usage(what.to_owned()));
     }
     let [who] = *whom else {
-        let what = format!("--with {with}: say with --service which one it replays");
+        let what = format!(
+            "--with {with}: an executable is another build of morphquad; say with --service, for example `--service attitude`, which service it replays"
+        );
         return Err(Refusal::Usage(what));
     };
     Ok((who, With::Executable(with.into())))

@@ -1,7 +1,7 @@
 //! Numbers of a recording over time, as a figure.
 
 use crate::export::cells::cells;
-use crate::export::{headings, is_of};
+use crate::export::{field_remedy, headings, is_of};
 use crate::unit::axis_label;
 use figures::figure::{Axis, Colour, Curve, Dash, Figure, Mark, Panel};
 use figures::results::{Kind, Value};
@@ -107,13 +107,11 @@ impl Signal {
             .map(|(place, (name, _))| (place, name.clone()))
             .collect();
         if columns.is_empty() {
-            let numbers =
-                all.iter().filter(|(name, kind)| is_number(*kind) && !name.starts_with("header."));
-            let mut names: Vec<&str> =
-                numbers.map(|(name, _)| name.split('[').next().unwrap_or(name)).collect();
-            names.dedup();
+            let number =
+                |(name, kind): &&(String, Kind)| is_number(*kind) && !name.starts_with("header.");
             if field.is_empty() {
-                let example = names.first().copied().unwrap_or_default().to_owned();
+                let first = all.iter().find(number).and_then(|(name, _)| name.split('[').next());
+                let example = first.unwrap_or_default().to_owned();
                 return Err(PlotError::NoField { topic: info.name, example });
             }
             let remedy = if all.iter().any(|(name, _)| is_of(name, field)) {
@@ -122,7 +120,8 @@ impl Signal {
                     info.name
                 )
             } else {
-                suggestion(field, names.into_iter())
+                let numbers: Vec<_> = all.iter().filter(number).cloned().collect();
+                field_remedy(&numbers, field)
             };
             let (topic, field) = (info.name, field.to_owned());
             return Err(PlotError::Field { signal, topic, field, remedy });

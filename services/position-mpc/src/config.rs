@@ -55,11 +55,11 @@ pub struct PositionLawConfig {
     pub state_penalty: Option<f64>,
     /// First-order lag of the attitude loop as seen from here \[s\]; 0 with no delay is (3).
     pub tilt_lag_s: f64,
-    /// Delay of the attitude loop as seen from here \[s\], at most one period.
+    /// Delay of the attitude loop as seen from here \[s\], at most fifteen periods.
     pub tilt_delay_s: f64,
     /// First-order lag of the thrust: the rotors' \[s\].
     pub thrust_lag_s: f64,
-    /// Delay of the thrust through the attitude loop's clock \[s\], at most one period.
+    /// Delay of the thrust through the attitude loop's clock \[s\], at most fifteen periods.
     pub thrust_delay_s: f64,
     /// Latency of the set point \[s\], by which the one that is reported as applied is recognised; the delays above are for
     /// the prediction.
@@ -96,7 +96,7 @@ impl PositionLawConfig {
             terminal_factor: 1.0,
             laguerre: Some([Basis { pole, terms: 4 }; 3]),
             tilt_max_rad: 0.35,
-            tilt_step_max_rad: TILT_RATE_MAX_RAD_S / rate_hz,
+            tilt_step_max_rad: (TILT_RATE_MAX_RAD_S / rate_hz).min(0.8),
             thrust_min_weights: 0.3,
             thrust_max_weights: 1.7,
             thrust_step_max_weights: 0.2,

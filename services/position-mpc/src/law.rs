@@ -77,7 +77,7 @@ type State = SVector<f64, 12>;
 #[derive(Debug)]
 pub struct PositionLaw {
     config: PositionLawConfig,
-    ways: [Transport; 3],
+    transports: [Transport; 3],
     operating: Operating<3>,
     limits: Limits<'static, 3>,
     engine: IncrementalMpc<3>,
@@ -97,7 +97,7 @@ impl PositionLaw {
         vehicle.validate()?;
         Ok(Self {
             config,
-            ways: model::ways(&config),
+            transports: model::transports(&config),
             operating: model::operating(&config, vehicle),
             limits: model::limits(&config, vehicle),
             engine: IncrementalMpc::new(&model::design(&config), config.solver)?,
@@ -116,10 +116,12 @@ impl PositionLaw {
         let now = self.measured(&x);
         let points = input.reference_w_m;
         let last = points.last().copied().unwrap_or_else(|| self.hold(&x));
-        let ways = self.ways;
+        let transports = self.transports;
         // What a command of now can reach begins later by the periods that it is under way.
         let reference = |ahead: usize| {
-            Vector3::from_fn(|i, _| points.get(ahead + ways[i].periods - 1).unwrap_or(&last)[i])
+            Vector3::from_fn(|i, _| {
+                points.get(ahead + transports[i].periods - 1).unwrap_or(&last)[i]
+            })
         };
         let chosen = self.engine.step(&now, &self.operating, reference, &self.limits, None);
 
@@ -165,7 +167,7 @@ impl PositionLaw {
         let memory = &mut self.memory;
         memory.inputs.rotate_right(1);
         memory.inputs[0] = latest.into();
-        let Transport { periods, axis } = &self.ways[2];
+        let Transport { periods, axis } = &self.transports[2];
         let [acting, before] = [*periods, periods + 1].map(|late| memory.inputs[late][2]);
         let early = axis.actuator_after(memory.thrust_n, before, axis.delay_s);
         let rest = self.config.period_s() - axis.delay_s;
@@ -201,7 +203,7 @@ impl PositionLaw {
     /// Points of the reference that a step uses: Np, and those of the periods that a set point is under way.
     #[must_use]
     pub fn look_ahead(&self) -> usize {
-        let late = self.ways.iter().map(|way| way.periods).max();
+        let late = self.transports.iter().map(|transport| transport.periods).max();
         self.config.horizon.prediction + late.unwrap_or(0)
     }
 
@@ -236,13 +238,15 @@ impl PositionLaw {
             input_increment: part(&increment, 3),
             u_previous: part(x, 3),
         };
-        for (i, way) in self.ways.iter().enumerate().filter(|(_, way)| way.periods > 0) {
+        for (i, transport) in
+            self.transports.iter().enumerate().filter(|(_, transport)| transport.periods > 0)
+        {
             let gain = self.operating.gain[i];
             let move_at = |late: usize| gain * (inputs[late][i] - inputs[late + 1][i]);
             let actuator = gain * now.actuator_increment[i];
-            let acting = if *primed { move_at(way.periods) } else { 0.0 };
+            let acting = if *primed { move_at(transport.periods) } else { 0.0 };
             let mut z = [now.output_increment[i], now.rate_increment[i], actuator, acting];
-            let gained = way.carry(&mut z, move_at, self.config.period_s());
+            let gained = transport.carry(&mut z, move_at, self.config.period_s());
             now.output[i] += gained[0];
             now.rate[i] += gained[1];
             now.output_increment[i] = z[0];

@@ -7,9 +7,9 @@ use vehicle::VehicleParameters;
 use crate::config::PositionLawConfig;
 use crate::transport::Transport;
 
-/// The ways of θ₀, φ₀ and T to the vehicle. The tilt stands behind the attitude loop, here a lag and a delay, the thrust
+/// The transports of θ₀, φ₀ and T to the vehicle. The tilt stands behind the attitude loop, here a lag and a delay, the thrust
 /// behind the rotors; without them the outer loop overshoots.
-pub(crate) fn ways(config: &PositionLawConfig) -> [Transport; 3] {
+pub(crate) fn transports(config: &PositionLawConfig) -> [Transport; 3] {
     let period_s = config.period_s();
     let tilt = Transport::new(config.tilt_lag_s, config.tilt_delay_s, period_s);
     let thrust = Transport::new(config.thrust_lag_s, config.thrust_delay_s, period_s);
@@ -19,10 +19,10 @@ pub(crate) fn ways(config: &PositionLawConfig) -> [Transport; 3] {
 /// What the engine is built from: it predicts from the sample at which a command of now begins to act.
 pub(crate) fn design(config: &PositionLawConfig) -> Design<3> {
     let pulses = [Basis::pulses(config.horizon.control); 3];
-    let ways = ways(config);
+    let transports = transports(config);
     let axes = core::array::from_fn(|i| AxisDesign {
-        lag_s: ways[i].axis.lag_s,
-        delay_s: ways[i].axis.delay_s,
+        lag_s: transports[i].axis.lag_s,
+        delay_s: transports[i].axis.delay_s,
         basis: config.laguerre.unwrap_or(pulses)[i],
         output_weight: config.output_weight[i],
         terminal_factor: config.terminal_factor,

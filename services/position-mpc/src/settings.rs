@@ -19,22 +19,22 @@ pub struct Settings {
     /// Control rate \[Hz\].
     #[garde(range(min = 1.0, max = 200.0))]
     pub rate_hz: f64,
-    /// Np in samples.
+    /// Np in samples; 0.8 s if left out.
     #[garde(range(min = 1, max = 200))]
     pub prediction_horizon: Option<u16>,
     /// Nc in samples: one unknown for each of them instead of Laguerre functions, unless these are given.
     #[garde(range(min = 1, max = 50))]
     pub control_horizon: Option<u16>,
-    /// W of (15) on tilt increments \[m²/rad²\].
+    /// W of (15) on tilt increments \[m²/rad²\]; if left out 4 at 50 Hz, with the square of the rate.
     #[garde(range(min = 1e-9, max = 1e9))]
     pub tilt_weight: Option<f64>,
-    /// W of (15) on thrust increments \[m²/N²\].
+    /// W of (15) on thrust increments \[m²/N²\]; if left out 0.4 at 50 Hz, with the square of the rate.
     #[garde(range(min = 1e-9, max = 1e9))]
     pub thrust_weight: Option<f64>,
-    /// Q of x, y and z.
+    /// Q of x, y and z; 1 each if left out.
     #[garde(inner(inner(range(min = 0.0, max = 1e9))))]
     pub output_weight: Option<[f64; 3]>,
-    /// Factor on Q at the last sample of the horizon.
+    /// Factor on Q at the last sample of the horizon; 1 if left out.
     #[garde(range(min = 0.0, max = 1e9))]
     pub terminal_factor: Option<f64>,
     /// Poles of the Laguerre functions of pitch, roll and thrust. Inputs are then bounded for as long
@@ -57,22 +57,22 @@ pub struct Settings {
     /// Price of leaving it; hard if left out.
     #[garde(range(min = 1e-9, max = 1e9))]
     pub state_penalty: Option<f64>,
-    /// Bound on |φ| and |θ| \[rad\].
+    /// Bound on |φ| and |θ| \[rad\]; 0.35 if left out.
     #[garde(range(min = 0.01, max = 0.8))]
     pub tilt_max_rad: Option<f64>,
     /// Bound on their change in one sample \[rad\]; 2.5 rad/s if left out.
     #[garde(range(min = 1e-3, max = 1.6))]
     pub tilt_step_max_rad: Option<f64>,
-    /// Least thrust over weight.
+    /// Least thrust over weight; 0.3 if left out.
     #[garde(range(min = 0.0, max = 4.0))]
     pub thrust_min_weights: Option<f64>,
-    /// Largest thrust over weight.
+    /// Largest thrust over weight; 1.7 if left out.
     #[garde(range(min = 0.0, max = 4.0))]
     pub thrust_max_weights: Option<f64>,
-    /// Bound on the change of thrust over weight in one sample.
+    /// Bound on the change of thrust over weight in one sample; 0.2 if left out.
     #[garde(range(min = 1e-3, max = 4.0))]
     pub thrust_step_max_weights: Option<f64>,
-    /// Lag of the attitude loop as seen from here \[s\].
+    /// Lag of the attitude loop as seen from here \[s\]; 0.035 if left out.
     #[garde(range(min = 0.0, max = 1.0))]
     pub tilt_lag_s: Option<f64>,
     /// Delay of the attitude loop as seen from here \[s\]; follows the latency of set points and its rate if left out.
@@ -209,6 +209,30 @@ mod tests {
         for rate_hz in [20.0, 50.0, 100.0, 200.0] {
             let settings = settings(&format!("rate_hz = {rate_hz}"));
             assert_eq!(settings.law_config(AROUND), Ok(PositionLawConfig::flight(rate_hz)));
+        }
+    }
+
+    /// What the reference of scenarios says.
+    #[test]
+    fn the_words_for_keys_that_are_left_out_name_the_numbers_that_fly() {
+        let schema = schemars::schema_for!(Settings);
+        let flown = PositionLawConfig::flight(50.0);
+        let look_ahead_s = flown.horizon.prediction as f64 / flown.rate_hz;
+        for (key, words) in [
+            ("prediction_horizon", format!("{look_ahead_s} s if left out")),
+            ("tilt_weight", format!("if left out {} at 50 Hz", flown.tilt_weight)),
+            ("thrust_weight", format!("if left out {} at 50 Hz", flown.thrust_weight)),
+            ("output_weight", format!("{} each if left out", flown.output_weight[0])),
+            ("terminal_factor", format!("{} if left out", flown.terminal_factor)),
+            ("tilt_max_rad", format!("{} if left out", flown.tilt_max_rad)),
+            ("tilt_step_max_rad", format!("{} rad/s", flown.tilt_step_max_rad * flown.rate_hz)),
+            ("thrust_min_weights", format!("{} if left out", flown.thrust_min_weights)),
+            ("thrust_max_weights", format!("{} if left out", flown.thrust_max_weights)),
+            ("thrust_step_max_weights", format!("{} if left out", flown.thrust_step_max_weights)),
+            ("tilt_lag_s", format!("{} if left out", flown.tilt_lag_s)),
+        ] {
+            let told = schema.as_value()["properties"][key]["description"].as_str().unwrap();
+            assert!(told.contains(&words), "{key}: {told}, and not {words}");
         }
     }
 

@@ -10,12 +10,11 @@ use protocol::topic::live::{Listening, Word};
 use protocol::topic::{schema, unpack};
 use record::Clock;
 use record::read::{RecordVisitor, RecordedEvent};
-use scenario::suggestion;
 use serde_json::{Map, Value, json};
 use shared_types::{Header, Sample, Topic, TopicInfo};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
-use viewers::export::{headings, is_of};
+use viewers::export::{field_remedy, headings, is_of};
 
 /// How long to wait before looking whether anything is to be written out.
 const MOMENT: Duration = Duration::from_millis(100);
@@ -56,10 +55,7 @@ fn has_field(topic: &TopicInfo, field: &str) -> Result<(), Failure> {
     if columns.iter().any(|(column, _)| is_of(column, field)) {
         return Ok(());
     }
-    let mut names: Vec<&str> =
-        columns.iter().filter_map(|(column, _)| column.split(['[', '.']).next()).collect();
-    names.dedup();
-    let remedy = suggestion(field, names.into_iter());
+    let remedy = field_remedy(&columns, field);
     Err(refuse(Trouble::NoField { topic: topic.name, field: field.to_owned(), remedy }))
 }
 

@@ -357,7 +357,7 @@ impl Orders {
             }
             Report::Aborted(seat, reason) => {
                 let mut refusal = self.refusal(slot, reason);
-                refusal.text = format!("{}: {}", name(*seat), refusal.text);
+                refusal.text = format!("{} is removed: {}", name(*seat), refusal.text);
                 let mut text = refusal.text.clone();
                 if let (slot::Reason::Fault(fault), Some(how)) =
                     (reason, self.ends.get(&(slot, *seat)))

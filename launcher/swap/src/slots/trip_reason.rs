@@ -14,14 +14,14 @@ impl fmt::Display for TripReason<'_> {
         match trip.cause {
             TripCause::AttitudeDeparts => write!(
                 f,
-                "it turns away from its set point, by {angle:.2} rad before it could be stopped, limit {limit:.2} rad"
+                "it turns away from its set point, by {angle:.3} rad before it could be stopped, limit {limit:.3} rad"
             ),
             TripCause::TiltBeyond => {
-                write!(f, "its tilt would reach {angle:.2} rad, limit {limit:.2} rad")
+                write!(f, "its tilt would reach {angle:.3} rad, limit {limit:.3} rad")
             }
             TripCause::HeadingDeparts => write!(
                 f,
-                "its heading turns away from its set point, by {angle:.2} rad before it could be stopped, limit {limit:.2} rad"
+                "its heading turns away from its set point, by {angle:.3} rad before it could be stopped, limit {limit:.3} rad"
             ),
             TripCause::AttitudeAstray => write!(
                 f,
@@ -40,7 +40,7 @@ impl fmt::Display for TripReason<'_> {
             ),
             TripCause::PositionDeparts => write!(
                 f,
-                "the vehicle would be {distance:.2} m from its reference before it could be stopped, limit {distance_limit:.2} m"
+                "the vehicle would be {distance:.3} m from its reference before it could be stopped, limit {distance_limit:.3} m"
             ),
             TripCause::Sinks => write!(
                 f,

@@ -3,6 +3,7 @@
 use core::fmt::Write as _;
 use figures::results::{Kind as Column, Value as Cell};
 use protocol::topic::fields::{enum_text, word};
+use scenario::suggestion;
 use shared_types::wire::{Field, Kind, Schema, Visitor, Wire};
 
 /// Headings of a table with a column for each number of a sample.
@@ -18,6 +19,21 @@ pub fn headings(schema: &Schema) -> Vec<(String, Column)> {
 pub fn is_of(column: &str, field: &str) -> bool {
     let rest = column.strip_prefix(field);
     rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['[', '.']))
+}
+
+/// What to say of a field that no column belongs to: where it stands in a group, or the name that it resembles.
+#[must_use]
+pub fn field_remedy(columns: &[(String, Column)], field: &str) -> String {
+    let inside = columns.iter().find_map(|(column, _)| {
+        let (group, inner) = column.rsplit_once('.')?;
+        is_of(inner, field).then(|| format!("did you mean `{group}.{field}`?"))
+    });
+    inside.unwrap_or_else(|| {
+        let first = |(column, _): &'_ (String, Column)| column.split(['[', '.']).next();
+        let mut names: Vec<&str> = columns.iter().filter_map(first).collect();
+        names.dedup();
+        suggestion(field, names.into_iter())
+    })
 }
 
 fn head(schema: &Schema, prefix: &str, all: &mut Vec<(String, Column)>) {

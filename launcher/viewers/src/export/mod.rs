@@ -3,7 +3,7 @@
 pub(crate) mod cells;
 
 use cells::cells;
-pub use cells::{headings, is_of};
+pub use cells::{field_remedy, headings, is_of};
 use figures::results::{Columns, Kind, ParquetFile, Value};
 use record::read::{ReadError, RecordVisitor, RecordedFlight};
 use shared_types::{Sample, Topic, TopicInfo};

@@ -152,7 +152,10 @@ impl core::fmt::Display for Step {
                 write!(f, "{seat} commands since {:.6} s, epoch {epoch}", s(*at_ns))
             }
             Self::TriedAgain { epoch, tries } => {
-                write!(f, "the record was not taken: try {tries}, epoch {epoch}")
+                write!(
+                    f,
+                    "the plant did not take the record of the new owner in time: try {tries} for a later instant, epoch {epoch}"
+                )
             }
             Self::TookOver { seat, from, fault } => {
                 write!(f, "{seat} takes over from {from}: {fault}")
