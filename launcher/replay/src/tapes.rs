@@ -243,6 +243,10 @@ impl RecordVisitor for Load<'_> {
         self.recorded.configs.insert(name.to_owned(), text.to_owned());
     }
 
+    fn reads_states(&self) -> bool {
+        true
+    }
+
     fn state(&mut self, role: Role, header: &Header, state: &[u8]) {
         if role == self.role {
             self.trace(LifeKey::of(header), header);

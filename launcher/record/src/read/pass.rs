@@ -81,6 +81,11 @@ pub trait RecordVisitor {
     }
     /// A sample.
     fn sample<T: Sample>(&mut self, _topic: &'static Topic<T>, _sample: &T) {}
+    /// True if the bytes of states matter, as to what flies on from them: states of a layout that this build does not
+    /// know are then refused, and otherwise shown as they are.
+    fn reads_states(&self) -> bool {
+        false
+    }
     /// A published state of the component that fills `role`.
     fn state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
     /// An event.
@@ -235,7 +240,10 @@ fn read<V: RecordVisitor>(
                 return Ok(());
             }
             // A process that follows one of ours may be a foreign executable.
-            if let Some(layout) = layouts.first().filter(|_| !known.get()) {
+            let strange = layouts.first().filter(|_| !known.get());
+            if strange.is_some() && !visitor.reads_states() {
+                visitor.state(*role, &header, state);
+            } else if let Some(layout) = strange {
                 return Err(ReadError::Layout(Box::new(LayoutChange {
                     path: flight.path.clone(),
                     topic: topic.to_owned(),
@@ -330,6 +338,9 @@ pub(super) struct CollectStates {
 impl RecordVisitor for CollectStates {
     fn wants(&self, _topic: &TopicInfo) -> bool {
         false
+    }
+    fn reads_states(&self) -> bool {
+        true
     }
     fn state(&mut self, role: Role, header: &Header, state: &[u8]) {
         if role == self.role {

@@ -319,3 +319,16 @@ fn a_state_of_another_build_is_refused_and_its_type_is_named() -> Outcome {
     }
     Ok(())
 }
+
+/// What a controller remembers may change, and its recordings are looked at as before.
+#[test]
+fn a_state_of_another_build_keeps_nothing_else_from_being_read() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("state.mcap");
+    record(&path, 3, 0xdead)?;
+    let mut seen = Everything::default();
+    let closing = RecordedFlight::open(&path)?.visit(&mut seen)?;
+    assert!(closing.complete);
+    assert_eq!((seen.imu.len(), seen.events.len(), seen.states.len()), (3, 1, 2));
+    Ok(())
+}

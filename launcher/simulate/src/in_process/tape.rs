@@ -55,6 +55,9 @@ impl RecordVisitor for Tape {
     fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         self.observe(topic, sample);
     }
+    fn reads_states(&self) -> bool {
+        true
+    }
     fn state(&mut self, role: Role, header: &Header, state: &[u8]) {
         self.observe_state(role, header, state);
     }

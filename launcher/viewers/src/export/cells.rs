@@ -29,8 +29,8 @@ pub fn field_remedy(columns: &[(String, Column)], field: &str) -> String {
         is_of(inner, field).then(|| format!("did you mean `{group}.{field}`?"))
     });
     inside.unwrap_or_else(|| {
-        let first = |(column, _): &'_ (String, Column)| column.split(['[', '.']).next();
-        let mut names: Vec<&str> = columns.iter().filter_map(first).collect();
+        let names = columns.iter().filter_map(|(column, _)| column.split(['[', '.']).next());
+        let mut names: Vec<&str> = names.collect();
         names.dedup();
         suggestion(field, names.into_iter())
     })
