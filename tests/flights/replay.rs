@@ -175,7 +175,7 @@ fn a_trip_in_the_window_or_at_its_end_gives_the_fallback_the_slot_and_is_verifie
         let fallback = format!("monitor.fallback=\"{fallback}\"");
         let flown = fly(&["figure8-morph", "--for", "5s", "--swap", &swap, "--set", &fallback]);
         let said = flown.said();
-        assert!(said.contains("limit 0.21 rad; attitude-mpc@0 is to take over"), "{said}");
+        assert!(said.contains("limit 0.210 rad; attitude-mpc@0 is to take over"), "{said}");
         let trips = flown.recording().series("trip", &["epoch"]).len();
         assert_eq!(trips, 1, "{said}");
         assert!(flown.number("position_max_m") < 0.5, "{said}");
