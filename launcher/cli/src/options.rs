@@ -156,7 +156,7 @@ pub(super) enum Command {
     /// Watch a running flight
     #[command(after_help = top::TOP_EXAMPLES)]
     Top(TopArguments),
-    /// Look at the topics of a running flight; of a recording with info, echo, hz and export
+    /// Look at the topics of a running flight; `echo` and others read recordings
     #[command(subcommand)]
     Topic(TopicCommand),
     /// Take over a realtime flight whose launcher has died
