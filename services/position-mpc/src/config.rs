@@ -12,6 +12,9 @@ const LOOK_AHEAD_S: f64 = 0.8;
 /// Largest rate of a set point's tilt \[rad/s\]: what an attitude loop with slow rotors, half more inertia than told and a
 /// weak rotor still follows.
 const TILT_RATE_MAX_RAD_S: f64 = 2.5;
+/// Latency of set points and period of the attitude loop that the delays of [`PositionLawConfig::flight`] are for \[s\].
+pub(crate) const USUAL_LATENCY_S: f64 = 0.001;
+pub(crate) const USUAL_ATTITUDE_PERIOD_S: f64 = 0.010;
 /// Pole of the Laguerre functions at 50 Hz.
 const POLE_AT_50_HZ: f64 = 0.6;
 
@@ -108,7 +111,7 @@ impl PositionLawConfig {
             tilt_delay_s: (0.5 / rate_hz).max(0.010),
             thrust_lag_s: 0.015,
             thrust_delay_s: 0.002,
-            setpoint_latency_s: 0.001,
+            setpoint_latency_s: USUAL_LATENCY_S,
             solver: SolverKind::ActiveSet,
         }
     }

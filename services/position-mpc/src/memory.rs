@@ -37,7 +37,7 @@ shared_types::memory! {
         pub command: [f64; 3],
         /// Inputs as applied, u(k−1), u(k−2), …, where the last step was that of k.
         pub inputs: [[f64; 3]; HISTORY],
-        /// ψ \[rad\] by which it was rotated.
+        /// ψ \[rad\] by which the last command was rotated.
         pub heading_rad: f64,
         /// Setpoints (φ, θ, ψ, T), the last one first, \[rad, rad, rad, N\].
         pub setpoints: [[f64; 4]; HISTORY],

@@ -9,6 +9,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::config::{USUAL_ATTITUDE_PERIOD_S, USUAL_LATENCY_S};
 use crate::transport::transport_s;
 use crate::{Basis, ConfigError, Horizon, PositionLawConfig, SolverKind};
 
@@ -132,9 +133,9 @@ pub struct Surroundings {
 }
 
 impl Surroundings {
-    /// By how much later \[s\] a set point acts than with the latency and the attitude loop that the law's delays are for.
+    /// By how much later \[s\] a set point acts than the law's delays assume.
     fn late_s(&self, period_s: f64) -> f64 {
-        let usual_s = transport_s(0.001, 0.010, period_s);
+        let usual_s = transport_s(USUAL_LATENCY_S, USUAL_ATTITUDE_PERIOD_S, period_s);
         (transport_s(self.setpoint_latency_s, self.attitude_period_s, period_s) - usual_s).max(0.0)
     }
 }

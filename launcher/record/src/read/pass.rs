@@ -240,10 +240,10 @@ fn read<V: RecordVisitor>(
                 return Ok(());
             }
             // A process that follows one of ours may be a foreign executable.
-            let strange = layouts.first().filter(|_| !known.get());
-            if strange.is_some() && !visitor.reads_states() {
+            let unknown = layouts.first().filter(|_| !known.get());
+            if unknown.is_some() && !visitor.reads_states() {
                 visitor.state(*role, &header, state);
-            } else if let Some(layout) = strange {
+            } else if let Some(layout) = unknown {
                 return Err(ReadError::Layout(Box::new(LayoutChange {
                     path: flight.path.clone(),
                     topic: topic.to_owned(),

@@ -214,7 +214,8 @@ impl<T: Real> Goldfarb<T> {
         let across = rest.round();
         let independent = across > self.dependence().max(noise.min(MAX_NOISE * T::EPSILON));
         let size = (norm(y) + norm(gradient)).round() + bound.round().abs();
-        // Bounds that are given as doubles agree no better than to the rounding of those.
+        // Bounds that are given as doubles agree no better than to the rounding of those: a miss that nothing can give way
+        // to is excused.
         let given = f64::EPSILON * (2.0 + growth) * (norm(y).round() + bound.round().abs());
         if !independent && miss.round() <= (across + noise) * size {
             return Event::Excused;

@@ -154,7 +154,7 @@ impl core::fmt::Display for Step {
             Self::TriedAgain { epoch, tries } => {
                 write!(
                     f,
-                    "the plant did not take the record of the new owner in time: try {tries} for a later instant, epoch {epoch}"
+                    "the record of the new owner was not taken in time: try {tries} for a later instant, epoch {epoch}"
                 )
             }
             Self::TookOver { seat, from, fault } => {
