@@ -15,7 +15,12 @@ static SHARES: [[f64; 3]; 4] =
 
 /// The actuator of every axis, its gain left to the schedule.
 pub(crate) fn actuator(config: &AttitudeLawConfig) -> LaggedAxis {
-    LaggedAxis { gain: 1.0, lag_s: config.rotor_lag_s, delay_s: config.command_delay_s }
+    LaggedAxis {
+        gain: 1.0,
+        lag_s: config.rotor_lag_s,
+        delay_s: config.command_delay_s,
+        drag_per_s: 0.0,
+    }
 }
 
 /// What the engine is built from.
@@ -25,6 +30,7 @@ pub(crate) fn design(config: &AttitudeLawConfig) -> Result<Design<3>, ConfigErro
     let axes = core::array::from_fn(|i| AxisDesign {
         lag_s: config.rotor_lag_s,
         delay_s: config.command_delay_s,
+        drag_per_s: 0.0,
         basis: config.laguerre.unwrap_or(pulses)[i],
         output_weight: config.output_weight[i],
         terminal_factor: config.terminal_factor,

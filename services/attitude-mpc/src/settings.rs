@@ -296,10 +296,10 @@ mod tests {
     #[test]
     fn laguerre_functions_are_told_by_pole_or_number() {
         let config = settings("laguerre_pole = [0.5, 0.5, 0.8]").law_config(AROUND).unwrap();
-        let basis = [0.5, 0.5, 0.8].map(|pole| Basis { pole, terms: 3 });
+        let basis = [0.5, 0.5, 0.8].map(|pole| Basis::Laguerre { pole, terms: 3 });
         assert_eq!(config.laguerre, Some(basis));
         let config = settings("laguerre_terms = [2, 2, 1]").law_config(AROUND).unwrap();
-        let basis = [2, 2, 1].map(|terms| Basis { pole: 0.0, terms });
+        let basis = [2, 2, 1].map(|terms| Basis::Laguerre { pole: 0.0, terms });
         assert_eq!(config.laguerre, Some(basis));
         for wrong in ["laguerre_pole = [0.5, 1.0, 0.5]", "laguerre_terms = [3, 0, 3]"] {
             let refusal = settings(wrong).law_config(AROUND).unwrap_err().to_string();

@@ -22,7 +22,7 @@ pub(super) fn experiment(pair: (usize, usize), functions: Option<Functions>) -> 
     let mut experiment = Experiment::paper(100.0, 0.25, MorphAngle::MIN);
     experiment.law.horizon =
         HorizonChoice::Samples(Horizon { prediction: pair.0, control: pair.1 });
-    experiment.law.laguerre = functions.map(|(pole, terms)| [Basis { pole, terms }; 3]);
+    experiment.law.laguerre = functions.map(|(pole, terms)| [Basis::Laguerre { pole, terms }; 3]);
     experiment
 }
 

@@ -2,7 +2,7 @@
 
 use super::rig::{Blow, Experiment, Sample, World};
 use super::{Check, Findings, Run};
-use attitude_mpc::{HorizonChoice, SolverKind, TorqueBound};
+use attitude_mpc::{Basis, HorizonChoice, SolverKind, TorqueBound};
 use figures::results::{Document, ResultsError, ResultsFolder, Table, capital};
 use nalgebra::Vector3;
 use serde_json::{Value, json};
@@ -218,6 +218,14 @@ fn three(vector: &Vector3<f64>) -> Value {
     json!([vector.x, vector.y, vector.z])
 }
 
+/// The bases of an input as numbers.
+fn functions(basis: Basis) -> Value {
+    match basis {
+        Basis::Laguerre { pole, terms } => json!([pole, terms]),
+        Basis::Blocks { terms, samples } => json!({"blocks": terms, "samples": samples}),
+    }
+}
+
 fn experiment_json(experiment: &Experiment) -> Value {
     let law = &experiment.law;
     let horizon = match law.horizon {
@@ -239,7 +247,7 @@ fn experiment_json(experiment: &Experiment) -> Value {
     json!({
         "rate_hz": law.rate_hz,
         "horizon": horizon,
-        "laguerre": law.laguerre.map(|bases| bases.map(|basis| json!([basis.pole, basis.terms]))),
+        "laguerre": law.laguerre.map(|bases| bases.map(functions)),
         "increment_weight": law.increment_weight,
         "yaw_weight_factor": law.yaw_weight_factor,
         "scale_weight_with_inertia": law.scale_weight_with_inertia,

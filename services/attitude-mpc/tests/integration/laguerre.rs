@@ -13,7 +13,7 @@ fn functions_that_decay_slowly_settle_too_because_their_bounds_last_as_long() {
                 let vehicle = VehicleParameters::default();
                 let config = AttitudeLawConfig {
                     torque_bound,
-                    laguerre: Some([Basis { pole, terms }; 3]),
+                    laguerre: Some([Basis::Laguerre { pole, terms }; 3]),
                     ..AttitudeLawConfig::flight(100.0)
                 };
                 let mut law = AttitudeLaw::new(config, &vehicle).unwrap();

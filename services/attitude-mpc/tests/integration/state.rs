@@ -38,7 +38,10 @@ fn configurations() -> [AttitudeLawConfig; 7] {
         AttitudeLawConfig { rebuild_tolerance_rad: 0.05, ..flight },
         AttitudeLawConfig::flight(1000.0),
         AttitudeLawConfig { torque_bound: TorqueBound::RotorThrusts, ..flight },
-        AttitudeLawConfig { laguerre: Some([Basis { pole: 0.3, terms: 3 }; 3]), ..flight },
+        AttitudeLawConfig {
+            laguerre: Some([Basis::Laguerre { pole: 0.3, terms: 3 }; 3]),
+            ..flight
+        },
     ]
 }
 

@@ -167,9 +167,9 @@ impl<const N: usize> IncrementalMpc<N> {
         let horizon = design.horizon;
         let axes = core::array::from_fn(|i| {
             let axis = &design.axes[i];
-            AxisResponse::new(axis, horizon.prediction, horizon.control, design.period_s)
+            AxisResponse::new(axis, horizon.prediction, design.period_s)
         });
-        let terms = design.axes.iter().map(|axis| axis.basis.terms).sum();
+        let terms = design.axes.iter().map(|axis| axis.basis.terms()).sum();
         Ok(Self {
             axes,
             rows,
@@ -293,7 +293,8 @@ impl<const N: usize> IncrementalMpc<N> {
         }
         let rows_change = (varying || self.varied) && self.rows.vary();
         let taken = if rows_change || !self.rows_taken {
-            let coupling = |m: usize| ahead.map_or(SVector::repeat(1.0), |ahead| ahead.coupling[m]);
+            let coupling =
+                |m: usize| ahead.map_or(SVector::repeat(1.0), |ahead| *ahead.coupling_at(m));
             self.rows.write(&self.axes, coupling, &mut self.a);
             let taken = self.solver.set_matrices(&self.zeta, &self.a);
             self.rows_taken = taken.is_ok();

@@ -20,7 +20,9 @@ pub enum MpcError {
         limit: usize,
     },
     /// The control horizon exceeds what the engine is tested for.
-    #[error("control horizon {control} exceeds {limit}: lower it or use Laguerre functions")]
+    #[error(
+        "control horizon {control} exceeds {limit}: lower it or use blocks or Laguerre functions"
+    )]
     ControlLimit {
         /// Nc as given, in samples.
         control: usize,
@@ -36,6 +38,14 @@ pub enum MpcError {
     /// An empty or an oversized Laguerre basis.
     #[error("laguerre_terms = {terms} must lie in 1..={limit}")]
     Terms {
+        /// N as given.
+        terms: usize,
+        /// Largest N accepted.
+        limit: usize,
+    },
+    /// No blocks of moves, or more than there are samples for them.
+    #[error("control_blocks = {terms} must lie in 1..={limit}")]
+    Blocks {
         /// N as given.
         terms: usize,
         /// Largest N accepted.

@@ -18,7 +18,7 @@ pub(crate) struct AxisResponse {
     prediction: usize,
     /// L(m), `terms` for each of the Np samples.
     pub(crate) moves: Vec<f64>,
-    /// Prefix sums of `moves`: u(k+m) − u(k−1), for the first Nc samples.
+    /// Prefix sums of `moves`: u(k+m) − u(k−1).
     pub(crate) levels: Vec<f64>,
     /// Δy(j+1) by unit of each function: Np numbers for each of them.
     period: Vec<f64>,
@@ -42,11 +42,11 @@ pub(crate) struct AxisResponse {
 }
 
 impl AxisResponse {
-    pub(crate) fn new(axis: &AxisDesign, prediction: usize, control: usize, period_s: f64) -> Self {
-        let model = LaggedAxis { gain: 1.0, lag_s: axis.lag_s, delay_s: axis.delay_s };
-        let terms = axis.basis.terms;
+    pub(crate) fn new(axis: &AxisDesign, prediction: usize, period_s: f64) -> Self {
+        let model = axis.sampled();
+        let terms = axis.basis.terms();
         let moves = axis.basis.sequence(prediction);
-        let mut levels = moves[..control * terms].to_vec();
+        let mut levels = moves.clone();
         for i in terms..levels.len() {
             levels[i] += levels[i - terms];
         }

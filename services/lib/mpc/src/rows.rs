@@ -30,10 +30,20 @@ pub struct Ahead<'a, const N: usize> {
     pub gain: &'a [SVector<f64, N>],
     /// Gain at k+j over the gain at k, j in 1..=Np.
     pub gain_at: &'a [SVector<f64, N>],
-    /// Bounds on u(k+j) and Δu(k+j), j in 0..Nc.
+    /// Bounds on u(k+j) and Δu(k+j), j in 0..Nc; the last ones go on.
     pub inputs: &'a [Bounds<N>],
-    /// Factor of each input in the coupled rows at k+j, j in 0..Nc.
+    /// Factor of each input in the coupled rows at k+j, j in 0..Nc; the last one goes on.
     pub coupling: &'a [SVector<f64, N>],
+}
+
+impl<const N: usize> Ahead<'_, N> {
+    fn inputs_at(&self, m: usize) -> &Bounds<N> {
+        &self.inputs[m.min(self.inputs.len() - 1)]
+    }
+
+    pub(crate) fn coupling_at(&self, m: usize) -> &SVector<f64, N> {
+        &self.coupling[m.min(self.coupling.len() - 1)]
+    }
 }
 
 /// What the bounds of one step are made of.
@@ -48,16 +58,17 @@ pub(crate) struct Step<'a, const N: usize> {
 
 impl<const N: usize> Step<'_, N> {
     fn inputs(&self, m: usize) -> &Bounds<N> {
-        self.ahead.map_or(&self.limits.inputs, |ahead| &ahead.inputs[m])
+        self.ahead.map_or(&self.limits.inputs, |ahead| ahead.inputs_at(m))
     }
 }
 
 /// Where each set of rows begins.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(crate) struct Rows<const N: usize> {
     constraints: Constraints<N>,
     prediction: usize,
-    control: usize,
+    /// See [`Design::bounded`].
+    bounded: Vec<[usize; 2]>,
     /// The first level and the first increment have the same normal: where both are hard they are
     /// one row with the tighter bounds.
     merged: bool,
@@ -68,7 +79,9 @@ pub(crate) struct Rows<const N: usize> {
 impl<const N: usize> Rows<N> {
     pub(crate) fn new(design: &Design<N>) -> Self {
         let Design { horizon, constraints, .. } = design;
-        let (prediction, control) = (horizon.prediction, horizon.control);
+        let prediction = horizon.prediction;
+        let bounded = design.bounded();
+        let control = bounded.len();
         let hard = |set: Option<Hardness>| set.is_some_and(Hardness::is_hard);
         let merged = hard(constraints.levels) && hard(constraints.increments);
         let counts = [
@@ -82,7 +95,7 @@ impl<const N: usize> Rows<N> {
         for (set, count) in counts.into_iter().enumerate() {
             starts[set + 1] = starts[set] + count;
         }
-        Self { constraints: *constraints, prediction, control, merged, starts }
+        Self { constraints: *constraints, prediction, bounded, merged, starts }
     }
 
     pub(crate) fn has_soft(&self) -> bool {
@@ -126,19 +139,19 @@ impl<const N: usize> Rows<N> {
             for term in 0..axis.terms {
                 let column = at + term;
                 if levels.is_some() {
-                    for m in 0..self.control {
-                        a[(N * m + i, column)] = axis.levels[m * axis.terms + term];
+                    for (m, [_, level]) in self.bounded.iter().enumerate() {
+                        a[(N * m + i, column)] = axis.levels[level * axis.terms + term];
                     }
                 }
                 if increments.is_some() {
-                    for m in skipped..self.control {
+                    for (m, [moved, _]) in self.bounded.iter().enumerate().skip(skipped) {
                         let row = self.starts[1] + N * (m - skipped) + i;
-                        a[(row, column)] = axis.moves[m * axis.terms + term];
+                        a[(row, column)] = axis.moves[moved * axis.terms + term];
                     }
                 }
                 if let Some((normals, _)) = coupled {
-                    for m in 0..self.control {
-                        let level = axis.levels[m * axis.terms + term] * coupling(m)[i];
+                    for (m, [_, level]) in self.bounded.iter().enumerate() {
+                        let level = axis.levels[level * axis.terms + term] * coupling(*level)[i];
                         for (r, normal) in normals.iter().enumerate() {
                             let row = self.starts[2] + normals.len() * m + r;
                             a[(row, column)] = normal[i] * level;
@@ -181,8 +194,8 @@ impl<const N: usize> Rows<N> {
             return;
         }
         let (first, u) = (step.first, &step.now.u_previous);
-        for m in 0..self.control {
-            let bounds = step.inputs(m);
+        for (m, [_, level]) in self.bounded.iter().enumerate() {
+            let bounds = step.inputs(*level);
             for i in 0..N {
                 let row = N * m + i;
                 (lower[row], upper[row]) = if m == 0 && self.merged {
@@ -199,13 +212,13 @@ impl<const N: usize> Rows<N> {
             return;
         }
         let skipped = usize::from(self.merged);
-        for m in skipped..self.control {
-            let bounds = step.inputs(m);
+        for (m, [moved, _]) in self.bounded.iter().enumerate().skip(skipped) {
+            let bounds = step.inputs(*moved);
             for i in 0..N {
                 let row = self.starts[1] + N * (m - skipped) + i;
                 let missing = match m {
                     0 => step.first.relaxation[i],
-                    _ if step.ahead.is_some() => bounds.missing_since(step.inputs(m - 1), i),
+                    _ if step.ahead.is_some() => bounds.missing_since(step.inputs(moved - 1), i),
                     _ => 0.0,
                 };
                 let reach = bounds.du_max[i] + missing;
@@ -218,8 +231,8 @@ impl<const N: usize> Rows<N> {
         let Some((normals, _)) = self.constraints.coupled else { return };
         let (lows, highs) = (step.limits.coupled.lower, step.limits.coupled.upper);
         let u = &step.now.u_previous;
-        for m in 0..self.control {
-            let scaled = step.ahead.map_or(*u, |ahead| u.component_mul(&ahead.coupling[m]));
+        for (m, [_, level]) in self.bounded.iter().enumerate() {
+            let scaled = step.ahead.map_or(*u, |ahead| u.component_mul(ahead.coupling_at(*level)));
             let start = self.starts[2] + normals.len() * m;
             for (r, normal) in normals.iter().enumerate() {
                 let held: f64 = normal.iter().zip(&scaled).map(|(n, u)| n * u).sum();

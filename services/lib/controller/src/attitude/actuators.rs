@@ -24,7 +24,7 @@ impl Timing {
     #[must_use]
     pub fn axis(&self) -> LaggedAxis {
         let delay_s = self.latency_s.min(self.period_s);
-        LaggedAxis { gain: 1.0, lag_s: self.rotor_lag_s, delay_s }
+        LaggedAxis { gain: 1.0, lag_s: self.rotor_lag_s, delay_s, drag_per_s: 0.0 }
     }
 
     /// True if no report is of u(k−1), because a command takes a whole period to take effect.

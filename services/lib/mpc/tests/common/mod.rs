@@ -16,6 +16,7 @@ pub(crate) fn design(horizon: Horizon) -> Design<3> {
     let axis = |lag_s, output_weight, terminal_factor| AxisDesign {
         lag_s,
         delay_s: 0.001,
+        drag_per_s: 0.0,
         basis: Basis::pulses(horizon.control),
         output_weight,
         terminal_factor,
@@ -33,6 +34,7 @@ pub(crate) fn bare(horizon: Horizon) -> Design<3> {
     let axis = AxisDesign {
         lag_s: 0.0,
         delay_s: 0.0,
+        drag_per_s: 0.0,
         basis: Basis::pulses(horizon.control),
         output_weight: 1.0,
         terminal_factor: 1.0,

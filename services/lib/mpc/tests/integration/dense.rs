@@ -115,12 +115,25 @@ impl Naive {
     }
 }
 
-/// Φ by the definition: powers of the matrix `A_l`, input after input, time by time.
+/// Φ by the definition: powers of the matrix `A_l`, input after input, time by time; 1/√n in a block of n samples.
 fn functions(bases: &[Basis; 3], samples: usize) -> DMatrix<f64> {
-    let unknowns = bases.iter().map(|basis| basis.terms).sum();
+    let unknowns = bases.iter().map(Basis::terms).sum();
     let mut phi = DMatrix::zeros(3 * samples, unknowns);
     let mut at = 0;
-    for (i, Basis { pole: a, terms }) in bases.iter().copied().enumerate() {
+    for (i, basis) in bases.iter().copied().enumerate() {
+        let (a, terms) = match basis {
+            Basis::Laguerre { pole, terms } => (pole, terms),
+            Basis::Blocks { terms, .. } => {
+                assert_eq!(basis, BLOCKS);
+                for (term, [from, to]) in BLOCK_SAMPLES.into_iter().enumerate() {
+                    for m in from..to {
+                        phi[(3 * m + i, at + term)] = 1.0 / ((to - from) as f64).sqrt();
+                    }
+                }
+                at += terms;
+                continue;
+            }
+        };
         let beta = 1.0 - a * a;
         let power = |n: usize| if n == 0 { 1.0 } else { (-a).powf(n as f64) };
         let a_l = DMatrix::from_fn(terms, terms, |r, c| match r.cmp(&c) {
@@ -138,6 +151,10 @@ fn functions(bases: &[Basis; 3], samples: usize) -> DMatrix<f64> {
     phi
 }
 
+/// Of 1, 2, 5 and 9 samples: the factor by which they grow is 2.1.
+const BLOCKS: Basis = Basis::Blocks { terms: 4, samples: 17 };
+const BLOCK_SAMPLES: [[usize; 2]; 4] = [[0, 1], [1, 3], [3, 8], [8, 17]];
+
 fn reference(ahead: usize) -> Vector3<f64> {
     Vector3::new(0.2, 0.01 * ahead as f64, -0.3)
 }
@@ -145,9 +162,9 @@ fn reference(ahead: usize) -> Vector3<f64> {
 #[test]
 fn classic_and_laguerre_programs_are_those_of_equations_10_11_and_16() {
     let mixed = [
-        Basis { pole: 0.5, terms: 3 },
-        Basis { pole: 0.0, terms: 5 },
-        Basis { pole: 0.85, terms: 1 },
+        Basis::Laguerre { pole: 0.5, terms: 3 },
+        Basis::Laguerre { pole: 0.0, terms: 5 },
+        Basis::Laguerre { pole: 0.85, terms: 1 },
     ];
     let long = Horizon { prediction: 100, control: 50 };
     for (horizon, bases) in [
@@ -155,6 +172,7 @@ fn classic_and_laguerre_programs_are_those_of_equations_10_11_and_16() {
         (long, [Basis::pulses(50); 3]),
         (HORIZON, mixed),
         (Horizon { prediction: 200, control: 12 }, mixed),
+        (Horizon { prediction: 20, control: 17 }, [BLOCKS; 3]),
     ] {
         let mut design = design(horizon);
         for (axis, basis) in design.axes.iter_mut().zip(bases) {
@@ -172,16 +190,21 @@ fn classic_and_laguerre_programs_are_those_of_equations_10_11_and_16() {
         assert!((program.eta - &eta).amax() < 1e-10 * slope, "{horizon:?}");
         assert_eq!(program.zeta, &program.zeta.transpose());
 
-        // (12)-(14): levels by time, then increments from the second move on.
+        // (12)-(14): levels by time, then increments from the second move on; of blocks, the level at the end.
         let x = DVector::from_fn(phi.ncols(), |i, _| 0.01 * ((3 * i) % 7) as f64 - 0.02);
         let (du, rows) = (&phi * &x, program.rows * &x);
-        let moves = 3 * horizon.control;
+        let each: Vec<[usize; 2]> = (0..horizon.control).map(|m| [m, m + 1]).collect();
+        let bounded = if bases[0] == BLOCKS { BLOCK_SAMPLES.to_vec() } else { each };
+        let moves = 3 * bounded.len();
+        assert_eq!(rows.len(), 2 * moves - 3);
         let mut level = [0.0; 3];
-        for m in 0..moves {
-            level[m % 3] += du[m];
-            assert!((rows[m] - level[m % 3]).abs() < 1e-12);
-            if m >= 3 {
-                assert!((rows[moves - 3 + m] - du[m]).abs() < 1e-12);
+        for (m, [from, to]) in bounded.into_iter().enumerate() {
+            for i in 0..3 {
+                level[i] += (from..to).map(|sample| du[3 * sample + i]).sum::<f64>();
+                assert!((rows[3 * m + i] - level[i]).abs() < 1e-12);
+                if m > 0 {
+                    assert!((rows[moves - 3 + 3 * m + i] - du[3 * from + i]).abs() < 1e-12);
+                }
             }
         }
     }

@@ -57,7 +57,7 @@ fn bases_that_the_horizon_cannot_tell_apart_still_have_one_answer() {
     {
         let mut design = design(Horizon { prediction, control: 3 });
         for axis in &mut design.axes {
-            axis.basis = Basis { pole, terms };
+            axis.basis = Basis::Laguerre { pole, terms };
         }
         let mut mpc = engine(&design);
         let aim = |_| Vector3::new(0.2, -0.1, 0.3);
@@ -168,16 +168,17 @@ fn a_design_that_makes_no_sense_is_refused_with_its_numbers() {
     let horizon = |prediction, control| build(&bare(Horizon { prediction, control }));
     assert_eq!(horizon(3, 4), MpcError::ControlHorizon { control: 4, prediction: 3 });
     assert_eq!(horizon(20, 0), MpcError::ControlHorizon { control: 0, prediction: 20 });
-    assert_eq!(horizon(201, 3), MpcError::PredictionHorizon { prediction: 201, limit: 200 });
+    assert_eq!(horizon(401, 3), MpcError::PredictionHorizon { prediction: 401, limit: 400 });
     assert_eq!(horizon(200, 51), MpcError::ControlLimit { control: 51, limit: 50 });
-    let cases: [(&str, Spoil); 8] = [
-        ("laguerre_pole = 1 ", |d| d.axes[1].basis = Basis { pole: 1.0, terms: 3 }),
-        ("laguerre_pole = NaN", |d| d.axes[1].basis = Basis { pole: f64::NAN, terms: 3 }),
-        ("laguerre_terms = 0", |d| d.axes[2].basis = Basis { pole: 0.5, terms: 0 }),
+    let cases: [(&str, Spoil); 9] = [
+        ("laguerre_pole = 1 ", |d| d.axes[1].basis = Basis::Laguerre { pole: 1.0, terms: 3 }),
+        ("laguerre_pole = NaN", |d| d.axes[1].basis = Basis::Laguerre { pole: f64::NAN, terms: 3 }),
+        ("laguerre_terms = 0", |d| d.axes[2].basis = Basis::Laguerre { pole: 0.5, terms: 0 }),
         ("output_weight = -1", |d| d.axes[0].output_weight = -1.0),
         ("terminal_factor = inf", |d| d.axes[0].terminal_factor = f64::INFINITY),
         ("lag_s = -0.1", |d| d.axes[0].lag_s = -0.1),
         ("delay_s = 0.02", |d| d.axes[0].delay_s = 0.02),
+        ("drag_per_s = -1", |d| d.axes[0].drag_per_s = -1.0),
         ("penalty = -2", |d| d.constraints.levels = Some(Hardness::Soft { penalty: -2.0 })),
     ];
     for (says, spoil) in cases {

@@ -264,7 +264,7 @@ fn with_laguerre_functions_they_are_met_too_and_what_is_infeasible_is_said() {
         ..Constraints::PAPER
     };
     for axis in &mut design.axes {
-        axis.basis = Basis { pole: 0.6, terms: 2 };
+        axis.basis = Basis::Laguerre { pole: 0.6, terms: 2 };
     }
     let mut mpc = engine(&design);
     let mut solved = 0;
