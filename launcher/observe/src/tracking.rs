@@ -162,8 +162,14 @@ fn reference_at(reference: &Reference, t_ns: u64) -> ([f64; 3], f64) {
     let point = &reference.points[index];
     let rest_ns = ahead_ns.saturating_sub(index as u64 * spacing_ns).min(spacing_ns);
     let rest_s = if index + 1 == count { 0.0 } else { rest_ns as f64 * 1e-9 };
+    let next = &reference.points[(index + 1).min(count - 1)];
     let [position, velocity] = [point.position_w_m, point.velocity_w_m_s];
-    (core::array::from_fn(|i| position[i] + velocity[i] * rest_s), point.yaw_rad)
+    // The velocity goes over into that of the next point.
+    let gained = |i: usize| {
+        0.5 * (next.velocity_w_m_s[i] - velocity[i]) * rest_s * rest_s / (spacing_ns as f64 * 1e-9)
+    };
+    let there = |i: usize| position[i] + velocity[i] * rest_s + gained(i);
+    (core::array::from_fn(there), point.yaw_rad)
 }
 
 fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {

@@ -2,8 +2,8 @@
 
 use super::error::within;
 use super::{
-    DEFAULT_SPACING_NS, MorphKnot, MorphSchedule, PilotError, Trajectory, TrajectoryConfig,
-    diversion,
+    MORPH_SPACING_NS, MorphKnot, MorphSchedule, PilotError, REFERENCE_SPACING_NS, Trajectory,
+    TrajectoryConfig, diversion,
 };
 use runtime::{Service, inputs, outputs};
 use shared_types::guidance::{MORPH_PATH_POINTS, REFERENCE_POINTS};
@@ -64,7 +64,7 @@ pub struct PilotConfig {
     pub trajectory: TrajectoryConfig,
     /// How wide to spread the arms; see [`MorphSchedule`].
     pub morph: Vec<MorphKnot>,
-    /// Time between two points of a preview \[ns\].
+    /// Time between two points of the reference \[ns\].
     pub spacing_ns: u64,
     /// Where in the plan the flight begins.
     pub taken_up: TakenUp,
@@ -76,7 +76,7 @@ impl PilotConfig {
     pub fn new(trajectory: TrajectoryConfig) -> Self {
         let smallest = MorphKnot { t_s: 0.0, angle_rad: MorphAngle::MIN.rad() };
         let taken_up = TakenUp::default();
-        Self { trajectory, morph: vec![smallest], spacing_ns: DEFAULT_SPACING_NS, taken_up }
+        Self { trajectory, morph: vec![smallest], spacing_ns: REFERENCE_SPACING_NS, taken_up }
     }
 }
 
@@ -145,7 +145,7 @@ impl Service for Pilot {
         self.steps += 1;
         let (order, plan_ns) = self.taken_up.now(inputs.order.latest(), now_ns);
         outputs.reference.write(self.reference(order, plan_ns));
-        outputs.morph_command.write(morph_command(&self.morph, order, plan_ns, self.spacing_ns));
+        outputs.morph_command.write(morph_command(&self.morph, order, plan_ns));
     }
 
     fn memory(&self) -> PilotMemory {
@@ -159,7 +159,7 @@ impl Service for Pilot {
 }
 
 /// Refuses a spacing of zero, or one whose preview would reach absurdly far.
-pub(super) fn check_spacing(spacing_ns: u64) -> Result<(), PilotError> {
+fn check_spacing(spacing_ns: u64) -> Result<(), PilotError> {
     within("spacing_ns", spacing_ns as f64, (1e5, 1e9))
 }
 
@@ -168,15 +168,14 @@ pub(super) fn morph_command(
     morph: &MorphSchedule,
     order: Option<&GuidanceOrder>,
     plan_ns: u64,
-    spacing_ns: u64,
 ) -> MorphCommand {
     let angle_rad = |t_ns: u64| diversion::angle_rad(morph, order, t_ns);
     MorphCommand {
         header: Header::default(),
         angle_rad: angle_rad(plan_ns),
-        spacing_ns,
+        spacing_ns: MORPH_SPACING_NS,
         count: MORPH_PATH_POINTS as u64,
-        path_rad: core::array::from_fn(|i| angle_rad(due_ns(plan_ns, spacing_ns, i))),
+        path_rad: core::array::from_fn(|i| angle_rad(due_ns(plan_ns, MORPH_SPACING_NS, i))),
     }
 }
 

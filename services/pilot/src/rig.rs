@@ -1,10 +1,8 @@
 //! The pilot of a rig flight: an attitude step instead of a trajectory.
 
 use super::error::within;
-use super::flight::{check_spacing, morph_command};
-use super::{
-    DEFAULT_SPACING_NS, MorphKnot, MorphSchedule, PilotError, PilotInputs, PilotMemory, TakenUp,
-};
+use super::flight::morph_command;
+use super::{MorphKnot, MorphSchedule, PilotError, PilotInputs, PilotMemory, TakenUp};
 use core::f64::consts::PI;
 use runtime::{Service, outputs};
 use shared_types::time::s_from_ns;
@@ -41,8 +39,6 @@ pub struct RigPilotConfig {
     pub step: AttitudeStep,
     /// How wide to spread the arms; see [`MorphSchedule`].
     pub morph: Vec<MorphKnot>,
-    /// Time between two points of the morph path \[ns\].
-    pub spacing_ns: u64,
     /// Where in the plan the flight begins.
     pub taken_up: TakenUp,
 }
@@ -53,7 +49,6 @@ impl Default for RigPilotConfig {
         Self {
             step: AttitudeStep { at_s: 0.0, roll_rad: 0.2, pitch_rad: 0.2, yaw_rad: 0.2 },
             morph: vec![MorphKnot { t_s: 0.0, angle_rad: MorphAngle::MIN.rad() }],
-            spacing_ns: DEFAULT_SPACING_NS,
             taken_up: TakenUp::default(),
         }
     }
@@ -65,7 +60,6 @@ pub struct RigPilot {
     step: AttitudeStep,
     thrust_n: f64,
     morph: MorphSchedule,
-    spacing_ns: u64,
     taken_up: TakenUp,
     steps: u64,
 }
@@ -82,12 +76,10 @@ impl RigPilot {
         within("step.pitch_rad", step.pitch_rad, (-MAX_PITCH_RAD, MAX_PITCH_RAD))?;
         within("step.yaw_rad", step.yaw_rad, (-PI, PI))?;
         within("vehicle.weight_n", vehicle.weight_n(), (1e-6, 1e6))?;
-        check_spacing(config.spacing_ns)?;
         Ok(Self {
             step,
             thrust_n: vehicle.weight_n(),
             morph: MorphSchedule::new(&config.morph, vehicle.servo_rate_limit_rad_s)?,
-            spacing_ns: config.spacing_ns,
             taken_up: config.taken_up,
             steps: 0,
         })
@@ -118,7 +110,7 @@ impl Service for RigPilot {
         self.steps += 1;
         let (order, plan_ns) = self.taken_up.now(inputs.order.latest(), now_ns);
         outputs.attitude_setpoint.write(self.setpoint(plan_ns));
-        outputs.morph_command.write(morph_command(&self.morph, order, plan_ns, self.spacing_ns));
+        outputs.morph_command.write(morph_command(&self.morph, order, plan_ns));
     }
 
     fn memory(&self) -> PilotMemory {

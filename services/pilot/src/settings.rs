@@ -38,7 +38,7 @@ pub struct Common {
     /// How far the pilot runs ahead of the plant \[s\].
     #[garde(range(min = 0.001, max = 1.0))]
     pub lead_s: f64,
-    /// Time between two points of a preview \[s\].
+    /// Time between two points of the reference \[s\]; there are 48.
     #[garde(range(min = 0.0001, max = 1.0))]
     pub preview_spacing_s: f64,
     /// `[[t_s, angle_deg], ...]`: β to have reached, at rest, at a time. The angle of `[start]`
@@ -49,7 +49,7 @@ pub struct Common {
 
 impl Default for Common {
     fn default() -> Self {
-        Self { rate_hz: 50.0, lead_s: 0.2, preview_spacing_s: 0.02, morph: Vec::new() }
+        Self { rate_hz: 50.0, lead_s: 0.2, preview_spacing_s: 0.05, morph: Vec::new() }
     }
 }
 
@@ -272,7 +272,7 @@ impl Settings {
         let trajectory = match &self.manoeuvre {
             Manoeuvre::AttitudeStep(step) => {
                 let (step, taken_up) = (step.attitude(), frame.taken_up);
-                return Plan::Rig(RigPilotConfig { step, morph, spacing_ns, taken_up });
+                return Plan::Rig(RigPilotConfig { step, morph, taken_up });
             }
             Manoeuvre::Hover(hover) => TrajectoryConfig::Hover {
                 position_w_m: hover.position_w_m.unwrap_or(frame.position_w_m),
