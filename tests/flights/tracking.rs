@@ -40,3 +40,25 @@ fn a_bound_that_is_reached_leaves_the_mpc_closer_than_the_pid() {
         }
     }
 }
+
+#[test]
+fn figure_eights_are_followed_to_millimetres_as_far_as_the_tilt_bound_lets() {
+    let calm: [(&str, f64); 7] = [
+        ("8", 1.8),
+        ("6", 2.5),
+        ("5", 3.3),
+        ("4.5", 11.5),
+        ("4.25", 24.0),
+        ("4", 59.0),
+        ("3.5", 174.0),
+    ];
+    let wind = [("8", 4.0), ("5", 4.6), ("4.5", 13.5)];
+    let still = ["--set", "disturbance_injector.script=[]"];
+    for (courses, weather) in [(&calm[..], &still[..]), (&wind[..], &[])] {
+        for (period_s, most_mm) in courses {
+            let period = format!("pilot.period_s={period_s}");
+            let error_mm = rms_m(&[&["--set", &period], weather].concat()) * 1e3;
+            assert!(error_mm <= *most_mm, "{period} {weather:?}: {error_mm} mm");
+        }
+    }
+}

@@ -177,7 +177,7 @@ impl Service for AttitudeMpc {
         is_recovering(inputs)
     }
 
-    fn skip(&mut self) {
+    fn skip(&mut self, _left_out: u64) {
         // Δx would span more than a period.
         self.law.miss();
     }

@@ -2,6 +2,7 @@
 
 use crate::law::{Input, LawStatus, Output, PositionLaw};
 use crate::memory::Memory;
+use crate::thrust_vector::lift;
 use crate::{ConfigError, PositionLawConfig};
 use controller::position::{Inputs, Outputs, Tracked};
 use controller::preview::{Landing, preview};
@@ -68,13 +69,20 @@ impl PositionMpc {
             status: solve_status(output.status),
             yielded: output.yielded,
         };
+        let gamma = &output.setpoint.gamma_rad;
+        let lift = lift(gamma.x, gamma.y);
+        // Tangents of angles and what carries become angles and thrust; a tangent moves by at least what its angle does.
+        let angle = |tangent: f64| if tangent.is_finite() { libm::atan(tangent) } else { tangent };
+        let flown = |u: Vector3<f64>| [angle(u.x), angle(u.y), u.z / lift];
+        let by = |change: Vector3<f64>| [change.x, change.y, change.z / lift];
+        let previous = &memory.state[9..];
         let bounded = BoundedInput {
-            input: output.command.into(),
-            previous: [memory.state[9], memory.state[10], memory.state[11]],
-            min: output.command_min.into(),
-            max: output.command_max.into(),
-            increment_max: output.increment_bound.into(),
-            relaxation: output.relaxation.into(),
+            input: flown(output.command),
+            previous: flown(Vector3::new(previous[0], previous[1], previous[2])),
+            min: flown(output.command_min),
+            max: flown(output.command_max),
+            increment_max: by(output.increment_bound),
+            relaxation: by(output.relaxation),
         };
         let is_refused = solve.status == SolveStatus::Refused;
         PositionReport { solve, ..if is_refused { bounded.held() } else { bounded }.into() }
@@ -99,7 +107,7 @@ impl Service for PositionMpc {
         let estimate = inputs.state_estimate.link(now_ns, 2 * self.period_ns);
         let (Link::Fresh(estimate), Some(reference)) = (estimate, inputs.reference.latest()) else {
             // The attitude loop keeps the last set point.
-            self.law.miss();
+            self.law.leave_out(1);
             return;
         };
         let yaw_rad = preview(reference, now_ns, self.period_s, &self.landing, &mut self.points);
@@ -126,9 +134,8 @@ impl Service for PositionMpc {
         }
     }
 
-    fn skip(&mut self) {
-        // Δx would span more than a period.
-        self.law.miss();
+    fn skip(&mut self, left_out: u64) {
+        self.law.leave_out(left_out);
     }
 
     fn memory(&self) -> ComponentMemory {

@@ -7,16 +7,18 @@ use vehicle::ParameterError;
 use crate::model;
 use crate::transport::DELAY_MAX_PERIODS;
 
-/// Time over which errors are weighed \[s\]; the reference is known for 0.94 s.
-const LOOK_AHEAD_S: f64 = 0.8;
+/// Time over which errors are weighed \[s\]; the reference is known for 2.35 s.
+const LOOK_AHEAD_S: f64 = 2.0;
+/// Time over which the inputs move \[s\], in [`BLOCKS`].
+const MOVES_S: f64 = 1.7;
+/// Blocks of moves of each input.
+pub(crate) const BLOCKS: u8 = 9;
 /// Largest rate of a set point's tilt \[rad/s\]: what an attitude loop with slow rotors, half more inertia than told and a
 /// weak rotor still follows.
-const TILT_RATE_MAX_RAD_S: f64 = 2.5;
+const TILT_RATE_MAX_RAD_S: f64 = 2.8;
 /// Latency of set points and period of the attitude loop that the delays of [`PositionLawConfig::flight`] are for \[s\].
 pub(crate) const USUAL_LATENCY_S: f64 = 0.001;
 pub(crate) const USUAL_ATTITUDE_PERIOD_S: f64 = 0.010;
-/// Pole of the Laguerre functions at 50 Hz.
-const POLE_AT_50_HZ: f64 = 0.6;
 
 /// Everything the position law is told before it flies. [`Default`] is for flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,7 +26,7 @@ pub struct PositionLawConfig {
     /// Control rate \[Hz\], up to 200.
     pub rate_hz: f64,
     /// Np and Nc. A double integrator whose input is bounded must begin to brake before it arrives: with 0.4 s of
-    /// look-ahead a figure eight in 4.5 s, where the tilt bound binds, is 0.9 m off, with 0.8 s 0.03 m. {40, 3} at 50 Hz.
+    /// look-ahead a figure eight in 4.5 s, where the tilt bound binds, is 0.9 m off, with 2 s it is 16 mm. {100, 85} at 50 Hz.
     pub horizon: Horizon,
     /// W of (15) on tilt increments \[m²/rad²\].
     pub tilt_weight: f64,
@@ -34,9 +36,9 @@ pub struct PositionLawConfig {
     pub output_weight: [f64; 3],
     /// Factor on Q at the last sample of the horizon; 1 in the paper.
     pub terminal_factor: f64,
-    /// Laguerre functions of each input (θ₀, φ₀, T) instead of one unknown per move: four of them move the input
-    /// for as long as ten pulses do, in a program of 12 unknowns instead of 30.
-    pub laguerre: Option<[Basis; 3]>,
+    /// How each input (θ₀, φ₀, T₀) moves: nine blocks move it for as long as 85 pulses do, in a program of 27 unknowns and
+    /// 51 rows.
+    pub moves: [Basis; 3],
     /// Bound on |φ| and |θ| in the ψ = 0 frame \[rad\].
     pub tilt_max_rad: f64,
     /// Bound on their change in one sample \[rad\].
@@ -81,23 +83,26 @@ impl Default for PositionLawConfig {
 impl PositionLawConfig {
     /// For flight at `rate_hz` above an attitude loop of 50 Hz or more.
     ///
-    /// Look-ahead, functions and W were chosen together, by the largest error of figure eights in 8 to 3.5 s and of
+    /// Look-ahead, blocks and W were chosen together, by the largest error of figure eights in 8 to 3.5 s and of
     /// random vehicles in random weather (`morphquad study random`). The increments shrink with the period, so W grows
-    /// with the square of the rate, and the functions last as long in seconds at each rate.
+    /// with the square of the rate, and the blocks last as long in seconds at each rate.
     #[must_use]
     pub fn flight(rate_hz: f64) -> Self {
-        let prediction = (4..200).find(|n| f64::from(*n) >= LOOK_AHEAD_S * rate_hz);
-        let horizon = Horizon { prediction: prediction.unwrap_or(200_u16).into(), control: 3 };
-        let pole = libm::pow(POLE_AT_50_HZ, 50.0 / rate_hz);
-        let tilt_weight = 4.0 * (rate_hz / 50.0) * (rate_hz / 50.0);
+        let samples = |time_s: f64| {
+            let found = (BLOCKS.into()..400).find(|n| f64::from(*n) >= time_s * rate_hz);
+            usize::from(found.unwrap_or(400_u16))
+        };
+        let horizon = Horizon { prediction: samples(LOOK_AHEAD_S), control: samples(MOVES_S) };
+        let blocks = Basis::Blocks { terms: BLOCKS.into(), samples: horizon.control };
+        let by_rate = (rate_hz / 50.0) * (rate_hz / 50.0);
         Self {
             rate_hz,
             horizon,
-            tilt_weight,
-            thrust_weight: 0.1 * tilt_weight,
+            tilt_weight: 1.2 * by_rate,
+            thrust_weight: 0.4 * by_rate,
             output_weight: [1.0; 3],
             terminal_factor: 1.0,
-            laguerre: Some([Basis { pole, terms: 4 }; 3]),
+            moves: [blocks; 3],
             tilt_max_rad: 0.35,
             tilt_step_max_rad: (TILT_RATE_MAX_RAD_S / rate_hz).min(0.8),
             thrust_min_weights: 0.3,
@@ -107,8 +112,8 @@ impl PositionLawConfig {
             increment_penalty: None,
             speed_max_m_s: None,
             state_penalty: None,
-            tilt_lag_s: 0.035,
-            tilt_delay_s: (0.5 / rate_hz).max(0.010),
+            tilt_lag_s: 0.030,
+            tilt_delay_s: (0.5 / rate_hz).max(0.025),
             thrust_lag_s: 0.015,
             thrust_delay_s: 0.002,
             setpoint_latency_s: USUAL_LATENCY_S,
@@ -150,7 +155,7 @@ impl PositionLawConfig {
         for (name, value, least) in optional {
             within(name, value.unwrap_or(1.0), least, 1e9)?;
         }
-        Ok(model::design(self).check()?)
+        Ok(model::design(self, 0.0).check()?)
     }
 }
 

@@ -1,7 +1,6 @@
 //! One step of the position law, (7) and (10)-(17).
 
 use controller::Setpoint;
-use controller::heading::{angles_at, input_of, present_tilt};
 use mpc::{IncrementalMpc, Limits, Measured, Move, Operating, QpStatus};
 use nalgebra::{SVector, Vector3};
 use vehicle::VehicleParameters;
@@ -9,6 +8,7 @@ use vehicle::VehicleParameters;
 use crate::config::{ConfigError, PositionLawConfig};
 use crate::memory::Memory;
 use crate::model;
+use crate::thrust_vector::{angles_at, input_of, lift};
 use crate::transport::{HISTORY, Transport};
 
 /// What the law knows at its sample.
@@ -42,23 +42,23 @@ pub enum Refusal {
 /// How a step ended.
 pub type LawStatus = mpc::LawStatus<Refusal>;
 
-/// The setpoint and the way it came about. Vectors over inputs are ordered (θ₀, φ₀, T), in the
-/// ψ = 0 frame, in which the bounds hold.
+/// The setpoint and the way it came about. Vectors over inputs are (θ₀, φ₀, T₀), tangents of the tilt at ψ = 0 and the part
+/// of the thrust that carries, in which the law computes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Output {
     /// For the attitude loop.
     pub setpoint: Setpoint,
     /// How the step ended.
     pub status: LawStatus,
-    /// u(k) \[rad, rad, N\].
+    /// u(k) \[1, 1, N\].
     pub command: Vector3<f64>,
-    /// Least u(k) \[rad, rad, N\].
+    /// Least u(k) \[1, 1, N\].
     pub command_min: Vector3<f64>,
-    /// Largest u(k) \[rad, rad, N\].
+    /// Largest u(k) \[1, 1, N\].
     pub command_max: Vector3<f64>,
-    /// Bound on |Δu(k)|, relaxation included \[rad, rad, N\].
+    /// Bound on |Δu(k)|, relaxation included \[1, 1, N\].
     pub increment_bound: Vector3<f64>,
-    /// Part of it that is relaxation \[rad, rad, N\].
+    /// Part of it that is relaxation \[1, 1, N\].
     pub relaxation: Vector3<f64>,
     /// How far the solver's own move was outside these bounds.
     pub violation: f64,
@@ -70,7 +70,13 @@ pub struct Output {
     pub yielded: u32,
 }
 
-/// x = \[p, v, (θ₀, φ₀, T) as achieved, u(k−1)\].
+/// Distance from the reference \[m\] that another controller may leave and that is still driven away at once. What is beyond
+/// it fades over [`RETURN_S`] after the law has taken over, so that the set point does not jump.
+const NEAR_M: f64 = 0.01;
+/// Time constant of the way back to the reference from where another controller left the vehicle \[s\].
+const RETURN_S: f64 = 0.5;
+
+/// x = \[p, v, (θ₀, φ₀, T₀) as achieved, u(k−1)\].
 type State = SVector<f64, 12>;
 
 /// The position MPC.
@@ -81,6 +87,8 @@ pub struct PositionLaw {
     operating: Operating<3>,
     limits: Limits<'static, 3>,
     engine: IncrementalMpc<3>,
+    /// What is left of the way back after each sample ahead.
+    fading: Vec<f64>,
     memory: Memory,
 }
 
@@ -95,12 +103,18 @@ impl PositionLaw {
     ) -> Result<Self, ConfigError> {
         config.validate()?;
         vehicle.validate()?;
+        let drag_per_s = vehicle.drag_n_s_m / vehicle.mass_kg;
+        let transports = model::transports(&config, drag_per_s);
+        let late = transports.iter().map(|transport| transport.periods).max().unwrap_or(0);
+        let ahead = 0..=config.horizon.prediction + late;
+        let left = |j: usize| libm::exp(-(j as f64) * config.period_s() / RETURN_S);
         Ok(Self {
             config,
-            transports: model::transports(&config),
+            fading: ahead.map(left).collect(),
+            transports,
             operating: model::operating(&config, vehicle),
             limits: model::limits(&config, vehicle),
-            engine: IncrementalMpc::new(&model::design(&config), config.solver)?,
+            engine: IncrementalMpc::new(&model::design(&config, drag_per_s), config.solver)?,
             memory: Memory::at_trim(vehicle.weight_n()),
         })
     }
@@ -116,27 +130,56 @@ impl PositionLaw {
         let now = self.measured(&x);
         let points = input.reference_w_m;
         let last = points.last().copied().unwrap_or_else(|| self.hold(&x));
-        let transports = self.transports;
+        let beside = self.beside(&x, points.first().unwrap_or(&last));
+        let (transports, fading) = (self.transports, &self.fading);
         // What a command of now can reach begins later by the periods that it is under way.
         let reference = |ahead: usize| {
             Vector3::from_fn(|i, _| {
-                points.get(ahead + transports[i].periods - 1).unwrap_or(&last)[i]
+                let j = ahead + transports[i].periods;
+                points.get(j - 1).unwrap_or(&last)[i] + fading[j] * beside[i]
             })
         };
-        let chosen = self.engine.step(&now, &self.operating, reference, &self.limits, None);
+        let [phi, theta, ..] = self.memory.setpoints[0];
+        let limits = self.limits_at(lift(phi, theta));
+        let mut chosen = self.engine.step(&now, &self.operating, reference, &limits, None);
 
         let psi = input.gamma_rad.z;
         let (phi, theta) = angles_at(&chosen.u, psi);
+        let lift = lift(phi, theta);
+        self.bound_thrust(&mut chosen, lift);
         let setpoint = Setpoint {
             gamma_rad: Vector3::new(phi, theta, input.reference_yaw_rad),
-            thrust_n: chosen.u.z,
+            thrust_n: chosen.u.z / lift,
         };
         self.memory.heading_rad = psi;
         self.memory.hold_w_m = last.into();
         self.memory.setpoints.rotate_right(1);
-        self.memory.setpoints[0] = [phi, theta, input.reference_yaw_rad, chosen.u.z];
+        self.memory.setpoints[0] = <[f64; 4]>::from(setpoint);
         self.remember(&x, &chosen);
         self.output(&chosen, setpoint)
+    }
+
+    /// The limits where so much of the thrust carries.
+    fn limits_at(&self, lift: f64) -> Limits<'static, 3> {
+        let mut limits = self.limits;
+        limits.inputs.u_min.z *= lift;
+        limits.inputs.u_max.z *= lift;
+        limits
+    }
+
+    /// The engine has bounded what carried at the tilt of before: brings it within the bounds at the tilt that it chose.
+    fn bound_thrust(&self, chosen: &mut Move<3>, lift: f64) {
+        if self.config.level_penalty.is_some() {
+            return;
+        }
+        let limits = self.limits_at(lift).inputs;
+        let before_n = chosen.u.z - chosen.du.z;
+        chosen.u.z = chosen.u.z.clamp(limits.u_min.z, limits.u_max.z);
+        chosen.du.z = chosen.u.z - before_n;
+        if self.config.increment_penalty.is_none() {
+            let beyond_n = chosen.du.z.abs() - limits.du_max.z;
+            chosen.relaxation.z = chosen.relaxation.z.max(beyond_n);
+        }
     }
 
     /// Brings the inputs as applied and the thrust copy to this sample.
@@ -179,7 +222,11 @@ impl PositionLaw {
     ///
     /// An attitude loop that is no faster than this one, or hears of a set point late, still reports
     /// u(k−1−`late`). It is carried on by the increments that this law chose since.
+    ///
+    /// Where the other one leaves the vehicle beside the reference, the law returns to it along a path that fades within
+    /// a second, so that neither set point nor vehicle jumps when it takes over.
     pub fn track(&mut self, applied: &Setpoint, late: usize) {
+        self.memory.tracks = true;
         let gamma = &applied.gamma_rad;
         let numbers = gamma.iter().chain([&applied.thrust_n]);
         if !self.memory.commanded || !numbers.into_iter().all(|value| value.is_finite()) {
@@ -190,9 +237,12 @@ impl PositionLaw {
         let given = [gamma.x, gamma.y, gamma.z, applied.thrust_n];
         let late = late.min(HISTORY - 1);
         let own = memory.setpoints[late];
-        // By how much it differs from what this law would have flown, seen in the ψ = 0 frame.
+        // By how much it differs from what this law would have flown.
+        let seen = |[phi, theta, _, thrust_n]: [f64; 4]| {
+            input_of(phi, theta, memory.heading_rad, thrust_n)
+        };
+        let apart = seen(given) - seen(own);
         let [phi, theta, _, thrust] = core::array::from_fn(|i| given[i] - own[i]);
-        let apart = input_of(phi, theta, memory.heading_rad, thrust);
         memory.command = (Vector3::from(memory.command) + apart).into();
         memory.setpoints[late] = given;
         for later in &mut memory.setpoints[..late] {
@@ -203,18 +253,33 @@ impl PositionLaw {
     /// Points of the reference that a step uses: Np, and those of the periods that a set point is under way.
     #[must_use]
     pub fn look_ahead(&self) -> usize {
-        let late = self.transports.iter().map(|transport| transport.periods).max();
-        self.config.horizon.prediction + late.unwrap_or(0)
+        self.fading.len() - 1
+    }
+
+    /// Where the path back to the reference, which is at `next` a sample later, is beside it \[m\].
+    fn beside(&mut self, x: &State, next: &Vector3<f64>) -> Vector3<f64> {
+        let memory = &mut self.memory;
+        let before = Vector3::from(memory.beside_w_m) * self.fading[1];
+        let beside = if memory.tracks {
+            let away = part(x, 0) + part(x, 1) * self.config.period_s() - next;
+            away * (1.0 - NEAR_M / away.norm().max(NEAR_M))
+        } else {
+            before
+        };
+        memory.tracks = false;
+        memory.beside_w_m = beside.into();
+        beside
     }
 
     fn state(&self, input: &Input<'_>) -> State {
         let age = input.age_s.clamp(0.0, self.config.period_s());
-        let (theta, phi) = present_tilt(&input.gamma_rad);
+        let gamma = &input.gamma_rad;
+        let tilt = input_of(gamma.x, gamma.y, gamma.z, 0.0);
         let mut x = State::zeros();
         let position = input.position_w_m + input.velocity_w_m_s * age;
         x.fixed_rows_mut::<3>(0).copy_from(&position);
         x.fixed_rows_mut::<3>(3).copy_from(&input.velocity_w_m_s);
-        x.fixed_rows_mut::<3>(6).copy_from_slice(&[theta, phi, self.memory.thrust_n]);
+        x.fixed_rows_mut::<3>(6).copy_from_slice(&[tilt.x, tilt.y, self.memory.thrust_n]);
         x.fixed_rows_mut::<3>(9).copy_from_slice(&self.memory.inputs[0]);
         x
     }
@@ -278,7 +343,7 @@ impl PositionLaw {
     }
 
     fn output(&self, chosen: &Move<3>, setpoint: Setpoint) -> Output {
-        let bounds = &self.limits.inputs;
+        let bounds = self.limits_at(lift(setpoint.gamma_rad.x, setpoint.gamma_rad.y)).inputs;
         // Soft bounds bind nothing.
         let level = self.config.level_penalty.is_none();
         let step = self.config.increment_penalty.is_none();
@@ -316,12 +381,17 @@ impl PositionLaw {
         Output { status: LawStatus::Refused(Refusal::NotFinite), ..self.output(&held, setpoint) }
     }
 
-    /// A sample without a usable estimate: nothing is commanded, and the next good one starts with
-    /// Δx = 0.
-    pub fn miss(&mut self) {
+    /// So many samples without a step, for want of a usable estimate or of time: the last command stays in effect
+    /// meanwhile, and the next step starts with Δx = 0.
+    pub fn leave_out(&mut self, samples: u64) {
         self.memory.primed = false;
-        if self.memory.commanded {
+        if !self.memory.commanded {
+            return;
+        }
+        for _ in 0..samples.min(HISTORY as u64) {
             self.pass_period(self.memory.command.into());
+            self.memory.setpoints.rotate_right(1);
+            self.memory.setpoints[0] = self.memory.setpoints[1];
         }
     }
 

@@ -1,7 +1,7 @@
 //! Position MPC: reference and state estimate in, attitude setpoint out.
 //!
 //! [`PositionLaw`] is the pure law: no clock, no topic. Open `law.rs` next (one step, in order),
-//! then `config.rs` (every number with its reason) and `heading.rs` (the ψ = 0 frame). Equation
+//! then `config.rs` (every number with its reason) and `thrust_vector.rs` (the inputs). Equation
 //! numbers are those of Zhao et al., "Attitude Control for Morphing Quadrotor through Model
 //! Predictive Control with Constraints".
 
@@ -13,6 +13,7 @@ mod law;
 mod memory;
 mod model;
 pub mod settings;
+mod thrust_vector;
 mod transport;
 
 pub use component::PositionMpc;

@@ -29,11 +29,11 @@ shared_types::memory! {
         pub primed: bool,
         /// False until a setpoint was commanded.
         pub commanded: bool,
-        /// x(k−1) = \[p, v, tilt and thrust, u(k−2)\], SI, W axes.
+        /// x(k−1) = \[p, v, (θ₀, φ₀, T₀) as achieved, u(k−2)\], SI, W axes.
         pub state: [f64; 12],
-        /// Open-loop copy of the thrust at the last sample \[N\].
+        /// Open-loop copy of T₀ at the last sample \[N\].
         pub thrust_n: f64,
-        /// Last command in the ψ = 0 frame: (θ₀, φ₀, T), \[rad, rad, N\].
+        /// Last command: (θ₀, φ₀, T₀), \[1, 1, N\].
         pub command: [f64; 3],
         /// Inputs as applied, u(k−1), u(k−2), …, where the last step was that of k.
         pub inputs: [[f64; 3]; HISTORY],
@@ -41,6 +41,10 @@ shared_types::memory! {
         pub heading_rad: f64,
         /// Setpoints (φ, θ, ψ, T), the last one first, \[rad, rad, rad, N\].
         pub setpoints: [[f64; 4]; HISTORY],
+        /// Whether the next step follows another controller, see [`PositionLaw::track`](crate::PositionLaw::track).
+        pub tracks: bool,
+        /// Where the path back to the reference is beside it at the last sample, see [`PositionLaw::track`](crate::PositionLaw::track) \[m\].
+        pub beside_w_m: [f64; 3],
         /// Position \[m\] to hold when the reference ends.
         pub hold_w_m: [f64; 3],
         /// Bound each row of the program was held at, packed.
@@ -62,6 +66,8 @@ impl Memory {
             inputs: [[0.0, 0.0, weight_n]; HISTORY],
             heading_rad: 0.0,
             setpoints: [[0.0, 0.0, 0.0, weight_n]; HISTORY],
+            tracks: false,
+            beside_w_m: [0.0; 3],
             hold_w_m: [0.0; 3],
             working_set: [0; ROW_CAPACITY / 32],
             counters: Counters::default(),

@@ -1,29 +1,40 @@
 //! Prediction model, weights and limits, all constant: the translation does not see the morph.
 
-use mpc::{AxisDesign, Basis, Bounds, Constraints, Coupled, Design, Hardness, Limits, Operating};
+use mpc::{
+    AxisDesign, Bounds, Constraints, Coupled, Design, Hardness, LaggedAxis, Limits, Operating,
+};
 use nalgebra::Vector3;
 use vehicle::VehicleParameters;
 
 use crate::config::PositionLawConfig;
 use crate::transport::Transport;
 
-/// The transports of θ₀, φ₀ and T to the vehicle. The tilt stands behind the attitude loop, here a lag and a delay, the thrust
+/// Lag below which the bound of the engine on the drag stays as it is \[s\].
+const LAG_LEAST_S: f64 = 1e-3;
+
+/// The transports of θ₀, φ₀ and T₀ to the vehicle. The tilt stands behind the attitude loop, here a lag and a delay, the thrust
 /// behind the rotors; without them the outer loop overshoots.
-pub(crate) fn transports(config: &PositionLawConfig) -> [Transport; 3] {
-    let period_s = config.period_s();
-    let tilt = Transport::new(config.tilt_lag_s, config.tilt_delay_s, period_s);
-    let thrust = Transport::new(config.thrust_lag_s, config.thrust_delay_s, period_s);
+/// The air slows the vehicle along all three axes alike.
+pub(crate) fn transports(config: &PositionLawConfig, drag_per_s: f64) -> [Transport; 3] {
+    let way = |lag_s: f64, delay_s| {
+        // Behind an actuator that is nearly as slow as the drag itself the model has less of it.
+        let drag_per_s = drag_per_s.min(0.5 / lag_s.max(LAG_LEAST_S));
+        let way = LaggedAxis { gain: 1.0, lag_s, delay_s, drag_per_s };
+        Transport::new(way, config.period_s())
+    };
+    let tilt = way(config.tilt_lag_s, config.tilt_delay_s);
+    let thrust = way(config.thrust_lag_s, config.thrust_delay_s);
     [tilt, tilt, thrust]
 }
 
 /// What the engine is built from: it predicts from the sample at which a command of now begins to act.
-pub(crate) fn design(config: &PositionLawConfig) -> Design<3> {
-    let pulses = [Basis::pulses(config.horizon.control); 3];
-    let transports = transports(config);
+pub(crate) fn design(config: &PositionLawConfig, drag_per_s: f64) -> Design<3> {
+    let transports = transports(config, drag_per_s);
     let axes = core::array::from_fn(|i| AxisDesign {
         lag_s: transports[i].axis.lag_s,
         delay_s: transports[i].axis.delay_s,
-        basis: config.laguerre.unwrap_or(pulses)[i],
+        drag_per_s: transports[i].axis.drag_per_s,
+        basis: config.moves[i],
         output_weight: config.output_weight[i],
         terminal_factor: config.terminal_factor,
     });
@@ -39,8 +50,8 @@ pub(crate) fn design(config: &PositionLawConfig) -> Design<3> {
         .bounded_while_moving()
 }
 
-/// The axes x, y, z with the actuators θ₀, φ₀, T: (3) corrected, ẍ = g θ, ÿ = −g φ, z̈ = T/m − g.
-/// Gravity drops out of the increments.
+/// The axes x, y, z with the actuators θ₀, φ₀, T₀: ẍ = g θ₀, ÿ = −g φ₀, z̈ = T₀/m − g, (3) for any tilt of a vehicle that is
+/// carried. Gravity drops out of the increments.
 pub(crate) fn operating(config: &PositionLawConfig, vehicle: &VehicleParameters) -> Operating<3> {
     let g = vehicle.gravity_m_s2;
     Operating {
@@ -53,7 +64,9 @@ pub(crate) fn limits(
     config: &PositionLawConfig,
     vehicle: &VehicleParameters,
 ) -> Limits<'static, 3> {
-    let (tilt, step, weight) = (config.tilt_max_rad, config.tilt_step_max_rad, vehicle.weight_n());
+    // A tangent moves by at least what its angle does, so that the bound on the change is kept as well.
+    let (tilt, step) = (libm::tan(config.tilt_max_rad), config.tilt_step_max_rad);
+    let weight = vehicle.weight_n();
     let endless = Vector3::repeat(f64::INFINITY);
     Limits {
         inputs: Bounds {

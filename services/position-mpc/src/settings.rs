@@ -2,16 +2,19 @@
 //!
 //! Keys left out take the value that suits the rate, see [`PositionLawConfig::flight`].
 //!
-//! A program has 6 constraint rows for each sample of Nc, and 3 for each sample of Np if speeds are
-//! bounded. There is room for [`mpc::ROW_CAPACITY`], 1024, of them; more are refused.
+//! A program has 6 constraint rows for each block, or for each sample of Nc where there are none, and 3 for each sample of
+//! Np if speeds are bounded. There is room for [`mpc::ROW_CAPACITY`], 1024, of them; more are refused.
 
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::config::{USUAL_ATTITUDE_PERIOD_S, USUAL_LATENCY_S};
+use crate::config::{BLOCKS, USUAL_ATTITUDE_PERIOD_S, USUAL_LATENCY_S};
 use crate::transport::transport_s;
 use crate::{Basis, ConfigError, Horizon, PositionLawConfig, SolverKind};
+
+/// Samples over which inputs that move by Laguerre functions are bounded at least.
+const LAGUERRE_CONTROL: usize = 3;
 
 /// What the position law is told by a scenario.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
@@ -20,13 +23,18 @@ pub struct Settings {
     /// Control rate \[Hz\].
     #[garde(range(min = 1.0, max = 200.0))]
     pub rate_hz: f64,
-    /// Np in samples; 0.8 s if left out.
-    #[garde(range(min = 1, max = 200))]
+    /// Np in samples; 2 s if left out.
+    #[garde(range(min = 1, max = 400))]
     pub prediction_horizon: Option<u16>,
-    /// Nc in samples: one unknown for each of them instead of Laguerre functions, unless these are given.
-    #[garde(range(min = 1, max = 50))]
+    /// Nc in samples, during which the inputs move: 1.7 s if left out. Given alone, one unknown for each of them and at
+    /// most 50.
+    #[garde(range(min = 1, max = 400))]
     pub control_horizon: Option<u16>,
-    /// W of (15) on tilt increments \[m²/rad²\]; if left out 4 at 50 Hz, with the square of the rate.
+    /// Unknowns of each input: blocks of Nc in which its increment stays, each longer than the one before; 9 if neither
+    /// Nc nor Laguerre functions are given.
+    #[garde(range(min = 1, max = 50))]
+    pub control_blocks: Option<u8>,
+    /// W of (15) on tilt increments \[m²/rad²\]; if left out 1.2 at 50 Hz, with the square of the rate.
     #[garde(range(min = 1e-9, max = 1e9))]
     pub tilt_weight: Option<f64>,
     /// W of (15) on thrust increments \[m²/N²\]; if left out 0.4 at 50 Hz, with the square of the rate.
@@ -61,7 +69,7 @@ pub struct Settings {
     /// Bound on |φ| and |θ| \[rad\]; 0.35 if left out.
     #[garde(range(min = 0.01, max = 0.8))]
     pub tilt_max_rad: Option<f64>,
-    /// Bound on their change in one sample \[rad\]; 2.5 rad/s if left out.
+    /// Bound on their change in one sample \[rad\]; 2.8 rad/s if left out.
     #[garde(range(min = 1e-3, max = 1.6))]
     pub tilt_step_max_rad: Option<f64>,
     /// Least thrust over weight; 0.3 if left out.
@@ -73,7 +81,7 @@ pub struct Settings {
     /// Bound on the change of thrust over weight in one sample; 0.2 if left out.
     #[garde(range(min = 1e-3, max = 4.0))]
     pub thrust_step_max_weights: Option<f64>,
-    /// Lag of the attitude loop as seen from here \[s\]; 0.035 if left out.
+    /// Lag of the attitude loop as seen from here \[s\]; 0.03 if left out.
     #[garde(range(min = 0.0, max = 1.0))]
     pub tilt_lag_s: Option<f64>,
     /// Delay of the attitude loop as seen from here \[s\]; follows the latency of set points and its rate if left out.
@@ -97,6 +105,7 @@ impl Default for Settings {
             rate_hz: 50.0,
             prediction_horizon: None,
             control_horizon: None,
+            control_blocks: None,
             tilt_weight: None,
             thrust_weight: None,
             output_weight: None,
@@ -154,7 +163,7 @@ impl Settings {
             thrust_weight: self.thrust_weight.unwrap_or(base.thrust_weight),
             output_weight: self.output_weight.unwrap_or(base.output_weight),
             terminal_factor: self.terminal_factor.unwrap_or(base.terminal_factor),
-            laguerre: self.laguerre(&base),
+            moves: self.moves(&base),
             level_penalty: self.level_penalty,
             increment_penalty: self.increment_penalty,
             speed_max_m_s: self.speed_max_m_s,
@@ -178,18 +187,23 @@ impl Settings {
         Ok(config)
     }
 
-    fn laguerre(&self, base: &PositionLawConfig) -> Option<[Basis; 3]> {
-        let control = self.horizon(base.horizon).control;
-        let given = Basis::given(self.laguerre_pole, self.laguerre_terms, control);
-        let suits_rate = base.laguerre.filter(|_| self.control_horizon.is_none());
-        given.or(suits_rate)
+    fn moves(&self, base: &PositionLawConfig) -> [Basis; 3] {
+        let Horizon { control, .. } = self.horizon(base.horizon);
+        let laguerre = Basis::given(self.laguerre_pole, self.laguerre_terms, control);
+        let blocks = self.control_blocks.or(match self.control_horizon {
+            None => Some(BLOCKS),
+            Some(_) => None,
+        });
+        let blocks = blocks.map(|terms| Basis::Blocks { terms: terms.into(), samples: control });
+        laguerre.unwrap_or([blocks.unwrap_or(Basis::pulses(control)); 3])
     }
 
     fn horizon(&self, base: Horizon) -> Horizon {
-        Horizon {
-            prediction: self.prediction_horizon.map_or(base.prediction, usize::from),
-            control: self.control_horizon.map_or(base.control, usize::from),
-        }
+        let prediction = self.prediction_horizon.map_or(base.prediction, usize::from);
+        let by_laguerre = self.laguerre_pole.is_some() || self.laguerre_terms.is_some();
+        let usual = if by_laguerre { LAGUERRE_CONTROL } else { base.control };
+        let control = self.control_horizon.map_or(usual.min(prediction), usize::from);
+        Horizon { prediction, control }
     }
 }
 
@@ -219,8 +233,11 @@ mod tests {
         let schema = schemars::schema_for!(Settings);
         let flown = PositionLawConfig::flight(50.0);
         let look_ahead_s = flown.horizon.prediction as f64 / flown.rate_hz;
+        let moves_s = flown.horizon.control as f64 / flown.rate_hz;
         for (key, words) in [
             ("prediction_horizon", format!("{look_ahead_s} s if left out")),
+            ("control_horizon", format!("{moves_s} s if left out")),
+            ("control_blocks", format!("{} if neither", flown.moves[0].terms())),
             ("tilt_weight", format!("if left out {} at 50 Hz", flown.tilt_weight)),
             ("thrust_weight", format!("if left out {} at 50 Hz", flown.thrust_weight)),
             ("output_weight", format!("{} each if left out", flown.output_weight[0])),
@@ -258,7 +275,7 @@ mod tests {
         let close = |delays: [f64; 2], tilt_s: f64, thrust_s: f64| {
             (delays[0] - tilt_s).abs() < 1e-12 && (delays[1] - thrust_s).abs() < 1e-12
         };
-        assert!(close(delays(50.0, 0.032, 0.010), 0.040, 0.032));
-        assert!(close(delays(200.0, 0.001, 0.020), 0.020, 0.012));
+        assert!(close(delays(50.0, 0.032, 0.010), 0.055, 0.032));
+        assert!(close(delays(200.0, 0.001, 0.020), 0.035, 0.012));
     }
 }

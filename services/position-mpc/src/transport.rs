@@ -16,17 +16,18 @@ pub(crate) const DELAY_MAX_PERIODS: f64 = PERIODS_MAX as f64 + 1.0;
 pub(crate) struct Transport {
     /// Whole periods before the one in which a command takes effect.
     pub(crate) periods: usize,
-    /// Lag and the rest of the delay, at most a period; gain 1.
+    /// Lag, drag and the rest of the delay, at most a period; gain 1.
     pub(crate) axis: LaggedAxis,
 }
 
 impl Transport {
-    /// A delay of exactly a period is one that the sampled model knows.
-    pub(crate) fn new(lag_s: f64, delay_s: f64, period_s: f64) -> Self {
+    /// `way` with any delay, in samples of `period_s` \[s\]: a delay of exactly a period is one that the sampled model knows.
+    pub(crate) fn new(way: LaggedAxis, period_s: f64) -> Self {
+        let delay_s = way.delay_s;
         let fits = |periods: &u8| delay_s <= (f64::from(*periods) + 1.0 + 1e-9) * period_s;
         let periods = (0..PERIODS_MAX).find(fits).unwrap_or(PERIODS_MAX);
         let delay_s = (delay_s - f64::from(periods) * period_s).clamp(0.0, period_s);
-        Self { periods: periods.into(), axis: LaggedAxis { gain: 1.0, lag_s, delay_s } }
+        Self { periods: periods.into(), axis: LaggedAxis { delay_s, ..way } }
     }
 
     /// Brings an axis to the sample at which the next command begins to act.
@@ -64,10 +65,14 @@ pub(crate) fn transport_s(latency_s: f64, tick_s: f64, period_s: f64) -> f64 {
 mod tests {
     use super::*;
 
+    fn late(delay_s: f64) -> LaggedAxis {
+        LaggedAxis { gain: 1.0, lag_s: 0.035, delay_s, drag_per_s: 0.4 }
+    }
+
     #[test]
     fn a_delay_is_whole_periods_and_a_rest_within_one() {
         let parts = |delay_s: f64| {
-            let Transport { periods, axis } = Transport::new(0.035, delay_s, 0.02);
+            let Transport { periods, axis } = Transport::new(late(delay_s), 0.02);
             (periods, axis.delay_s)
         };
         for (delay_s, periods, rest_s) in [
@@ -87,7 +92,7 @@ mod tests {
     #[test]
     fn an_axis_is_carried_to_where_the_late_commands_take_it() {
         let (period_s, gain, disturbance) = (0.02, 9.81, 0.7);
-        let way = Transport::new(0.035, 0.047, period_s);
+        let way = Transport::new(late(0.047), period_s);
         let commands = |k: i32| 0.1 * libm::sin(0.4 * f64::from(k));
         // The axis itself, with its gain, a constant disturbance and commands that are two periods late.
         let physical = LaggedAxis { gain, ..way.axis };

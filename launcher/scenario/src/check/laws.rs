@@ -135,7 +135,8 @@ impl Checker<'_> {
                 self.error(&own("control_horizon"), what, remedy);
             }
             MpcError::ControlLimit { limit, .. } => {
-                let remedy = format!("let control_horizon <= {limit}, or give laguerre_terms");
+                let blocks = if section == POSITION { "control_blocks" } else { "laguerre_terms" };
+                let remedy = format!("let control_horizon <= {limit}, or give {blocks}");
                 self.error(&own("control_horizon"), what, remedy);
             }
             MpcError::PredictionHorizon { limit, .. } => {
@@ -149,6 +150,10 @@ impl Checker<'_> {
             MpcError::Terms { limit, .. } => {
                 let remedy = format!("give each input 1 to {limit} functions");
                 self.error(&own("laguerre_terms"), what, remedy);
+            }
+            MpcError::Blocks { limit, .. } => {
+                let remedy = format!("give each input 1 to {limit} blocks");
+                self.error(&own("control_blocks"), what, remedy);
             }
             MpcError::Rows { limit, .. } => {
                 let (states, remedy) = self.rows_of(section, limit);

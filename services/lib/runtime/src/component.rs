@@ -116,7 +116,7 @@ pub(crate) trait Parts {
     fn knows_until(&mut self, t_ns: u64);
     fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]);
     /// See [`Service::skip`].
-    fn skip(&mut self);
+    fn skip(&mut self, left_out: u64);
     /// Puts into effect what is due and runs the step; gives the origin and the cause of what it has written.
     fn step(&mut self, now_ns: u64, previous_ns: Option<u64>, tracks: bool) -> (Origin, u64);
     /// Stamps and sends what the step has written.
@@ -159,8 +159,8 @@ impl<S: Service> Parts for Typed<S> {
     fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
         self.inputs.hear_from(heard_from);
     }
-    fn skip(&mut self) {
-        self.service.skip();
+    fn skip(&mut self, left_out: u64) {
+        self.service.skip(left_out);
     }
     fn step(&mut self, now_ns: u64, previous_ns: Option<u64>, tracks: bool) -> (Origin, u64) {
         let Self { service, inputs, outputs } = self;

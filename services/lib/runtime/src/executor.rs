@@ -287,7 +287,7 @@ impl Executor {
         let left_out =
             self.pending.skipped_from.map_or(0, |from| self.next_index.saturating_sub(from));
         if left_out > LEFT_OUT_MAX {
-            self.component.parts().skip();
+            self.component.parts().skip(left_out);
         }
         let tracks = now_ns < self.track_until_ns;
         let (origin, cause) = self.component.parts().step(now_ns, self.previous_ns, tracks);

@@ -41,10 +41,10 @@ pub trait Service {
     /// A service that fills no slot has nothing to track.
     fn track(&mut self, _now_ns: u64, _inputs: &Self::Inputs) {}
 
-    /// Forgets what the memory says of the step before: several releases since then have been left out, so that the
-    /// change since then says nothing of a period. The runtime calls it before the next step, also after a restore from
-    /// an old state.
-    fn skip(&mut self) {}
+    /// Forgets what the memory says of the step before: `_left_out` releases since then, more than one, have been left
+    /// out, so that the change since then says nothing of a period. The runtime calls it before the next step, also after
+    /// a restore from an old state.
+    fn skip(&mut self, _left_out: u64) {}
 
     /// True while the slot applies what no controller commands, because its consumer brings the vehicle
     /// back by itself: the controller that is to command afterwards then tracks too, see [`track`](Self::track).

@@ -79,6 +79,7 @@ impl Cascade {
             setpoint_ramp_s: position.period_s(),
             ..AttitudeLawConfig::flight(attitude_rate_hz)
         };
+        let law = PositionLaw::new(*position, &believed).unwrap();
         Self {
             watch: Box::new(|_, _| {}),
             noise_gain: 0.0,
@@ -86,8 +87,8 @@ impl Cascade {
             flight,
             position_rate_hz: position.rate_hz,
             attitude_rate_hz,
-            preview: position.horizon.prediction,
-            position: PositionLaw::new(*position, &believed).unwrap(),
+            preview: law.look_ahead(),
+            position: law,
             attitude: AttitudeLaw::new(attitude, &believed).unwrap(),
         }
     }

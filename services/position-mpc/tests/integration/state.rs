@@ -173,3 +173,31 @@ fn a_shadow_of_another_kind_starts_from_the_setpoint_in_effect_at_its_heading() 
         assert!((output.setpoint.thrust_n - 1.3).abs() < 1e-12);
     }
 }
+
+#[test]
+fn after_many_samples_left_out_nothing_of_before_is_under_way() {
+    let config = PositionLawConfig { tilt_delay_s: 0.07, ..PositionLawConfig::default() };
+    let level = |k: u32| Input { gamma_rad: Vector3::zeros(), applied: None, ..input(k, &[]) };
+    let mut flown = law(&config);
+    let mut held = Setpoint { gamma_rad: Vector3::zeros(), thrust_n: 1.0 };
+    for k in 0..10 {
+        held = flown.step(&level(k)).setpoint;
+    }
+    flown.leave_out(20);
+    let ahead = [Vector3::repeat(0.1)];
+    let command = |law: &mut PositionLaw, applied| {
+        law.step(&Input { reference_w_m: &ahead, applied, ..level(30) }).command
+    };
+    let fresh = command(&mut law(&config), Some(held));
+    let apart = command(&mut flown, Some(held)) - fresh;
+    assert!(apart.amax() < 1e-9, "{apart}");
+}
+
+#[test]
+fn a_light_vehicle_with_much_drag_behind_a_slow_attitude_loop_has_a_law() {
+    let vehicle = VehicleParameters { mass_kg: 0.01, drag_n_s_m: 1.0, ..Default::default() };
+    let config = PositionLawConfig { tilt_lag_s: 1.0, ..PositionLawConfig::default() };
+    let mut law = PositionLaw::new(config, &vehicle).unwrap();
+    let points = reference(29);
+    assert!((0..20).all(|k| law.step(&input(k, &points)).status == LawStatus::Solved));
+}

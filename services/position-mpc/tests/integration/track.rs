@@ -59,6 +59,38 @@ fn shadowed(rates: (f64, f64), late: usize) -> f64 {
 }
 
 #[test]
+fn a_vehicle_that_another_controller_left_beside_its_path_is_brought_back_gently() {
+    let config = PositionLawConfig::default();
+    let vehicle = VehicleParameters::default();
+    let level = Setpoint { gamma_rad: Vector3::zeros(), thrust_n: vehicle.weight_n() };
+    let beside = Input {
+        position_w_m: Vector3::new(0.06, 0.0, 0.0),
+        velocity_w_m_s: Vector3::zeros(),
+        gamma_rad: Vector3::zeros(),
+        age_s: 0.0,
+        reference_w_m: &[Vector3::zeros()],
+        reference_yaw_rad: 0.0,
+        applied: Some(level),
+    };
+    let tilt_rad = |tracks: bool| {
+        let mut law = PositionLaw::new(config, &vehicle).unwrap();
+        if tracks {
+            law.track(&level, 0);
+        }
+        let first = law.step(&beside).setpoint.gamma_rad.y;
+        (first, law)
+    };
+    let ((at_once, _), (gently, mut law)) = (tilt_rad(false), tilt_rad(true));
+    assert!(0.6 * at_once < gently && gently < 0.0, "{gently} rad, and at once {at_once} rad");
+    // Within 10 mm nothing is held back.
+    assert!((Vector3::from(law.memory().beside_w_m) - Vector3::x() * 0.05).amax() < 1e-12);
+    for _ in 0..150 {
+        law.step(&beside);
+    }
+    assert!(law.memory().beside_w_m[0] < 2e-4, "{}", law.memory().beside_w_m[0]);
+}
+
+#[test]
 fn a_fresh_law_that_tracks_a_flying_one_commands_the_same_one_step_ahead() {
     for rates in [(50.0, 100.0), (50.0, 500.0), (100.0, 100.0), (200.0, 200.0)] {
         for late in [0, 1, 3] {
