@@ -18,6 +18,9 @@ use runtime::{Graph, GraphError};
 use shared_types::{Role, TopicInfo};
 use vehicle::ParameterError;
 
+/// Thrust of all rotors over the weight below which no attitude controller has torque left in hover.
+const LIFT_MIN_WEIGHTS: f64 = 1.05;
+
 /// Errors and warnings.
 pub(super) fn check(scenario: &Scenario, document: &Document<'_>) -> (Vec<Problem>, Vec<Problem>) {
     let mut checker = Checker { scenario, document, errors: Vec::new(), warnings: Vec::new() };
@@ -34,6 +37,10 @@ pub(super) fn check(scenario: &Scenario, document: &Document<'_>) -> (Vec<Proble
     let asked = checker.pilot();
     checker.wind(asked.sideways_m_s2);
     checker.climb(asked.vertical_m_s2);
+    if !scenario.settings.pilot.is_rig() {
+        checker.weight();
+        checker.preview();
+    }
     checker.clock();
     checker.deadlines();
     checker.graph();
@@ -78,6 +85,16 @@ impl<'s> Checker<'s> {
         {
             let what = format!("makes {name} = {value}");
             self.error("plant.mismatch", what, remedy);
+        } else {
+            let weights = 4.0 * modelled.rotor_thrust_max_n / modelled.weight_n();
+            if weights < LIFT_MIN_WEIGHTS {
+                let what = format!(
+                    "four rotors lift {weights:.2} times the weight, which leaves nothing to tilt and to turn by"
+                );
+                let least_n = 0.25 * LIFT_MIN_WEIGHTS * modelled.weight_n();
+                let remedy = format!("give each {least_n:.3} N or more, or vehicle.mass_kg less");
+                self.error("vehicle.rotor_thrust_max_n", what, remedy);
+            }
         }
     }
 

@@ -470,3 +470,20 @@ fn an_unproven_owner_is_held_to_the_laws_of_its_slot_unless_those_may_ask_for_mo
     assert_eq!(range(&["monitor.enabled=false"]), None);
     assert_eq!(range(&["attitude_mpc.torque_bound=\"rotor-thrusts\""]), None);
 }
+
+#[test]
+fn a_vehicle_that_its_rotors_or_its_bounds_cannot_carry_is_told_before_it_flies() {
+    let weak = "[vehicle]\nrotor_thrust_max_n = 0.3\n";
+    assert_at(&problem(weak), 2, "vehicle.rotor_thrust_max_n", "0.309 N or more");
+    let heavy = Scenario::from_text("heavy.toml", "[plant.mismatch]\nmass_scale = 1.75\n", &[]);
+    let told = format!("{:?}", heavy.unwrap().warnings());
+    assert!(told.contains("2.06 N") && told.contains("2.00 N"), "{told}");
+}
+
+#[test]
+fn a_look_beyond_the_told_reference_is_told_with_the_spacing_that_suffices() {
+    let far = "[position_mpc]\nprediction_horizon = 200\n";
+    let far = Scenario::from_text("far.toml", far, &[]).unwrap();
+    let told = format!("{:?}", far.warnings());
+    assert!(told.contains("2.33 s") && told.contains("write 0.087 or more"), "{told}");
+}

@@ -5,6 +5,7 @@ use crate::pilot_error::pilot_error;
 use ::pilot::settings::{MAX_SPEED_M_S, MAX_TIME_SCALE, Manoeuvre, Plan, Trajectory as Given, Yaw};
 use ::pilot::{Pilot, RigPilot, Trajectory};
 use disturbance_injector::Event;
+use shared_types::guidance::REFERENCE_POINTS;
 use shared_types::time::s_from_ns;
 use vehicle::wrap_pi;
 
@@ -173,6 +174,38 @@ impl Checker<'_> {
                     "fly slower, in less wind, or raise position_mpc.tilt_max_rad".to_owned()
                 });
             self.warn(&key, what, remedy);
+        }
+    }
+
+    /// A vehicle that is heavier than the controllers' model by more than their bound on the thrust can carry.
+    pub(super) fn weight(&mut self) {
+        let Ok(law) = self.scenario.position_law() else { return };
+        let weight_n = self.scenario.real_vehicle().weight_n();
+        let most_n = law.thrust_max_weights * self.scenario.modelled_vehicle().weight_n();
+        if weight_n > most_n {
+            let what = format!(
+                "makes it weigh {weight_n:.2} N, and position_mpc.thrust_max_weights lets {most_n:.2} N carry it"
+            );
+            let remedy = "load it less, or raise position_mpc.thrust_max_weights";
+            self.warn("plant.mismatch.mass_scale", what, remedy);
+        }
+    }
+
+    /// A position law that looks farther ahead than the pilot tells it the reference.
+    pub(super) fn preview(&mut self) {
+        let Ok(law) = self.scenario.position_law() else { return };
+        let common = &self.settings().pilot.common;
+        // The oldest reference that is in use was told a period of the pilot ago.
+        let told = (REFERENCE_POINTS - 1) as f64;
+        let known_s = told * common.preview_spacing_s - 1.0 / common.rate_hz;
+        let looks_s = law.horizon.prediction as f64 / law.rate_hz + law.tilt_delay_s;
+        if looks_s > known_s {
+            let what = format!(
+                "the reference is known for {known_s:.2} s, and position_mpc.prediction_horizon looks {looks_s:.2} s ahead"
+            );
+            let least_s = libm::ceil(1e3 * (looks_s + 1.0 / common.rate_hz) / told) * 1e-3;
+            let remedy = format!("write {least_s:.3} or more, or look less far ahead");
+            self.warn("pilot.preview_spacing_s", what, remedy);
         }
     }
 
