@@ -38,6 +38,7 @@ pub use running::{
 };
 pub(super) use study::{
     MorphingArguments, RandomArguments, StabilityArguments, StudyCommand, StudyOutput,
+    TuningArguments,
 };
 pub use trace::TraceArguments;
 pub use view::ViewArguments;

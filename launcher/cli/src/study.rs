@@ -3,6 +3,7 @@
 use super::bar::bar;
 use super::options::{
     Format, MorphingArguments, RandomArguments, StabilityArguments, StudyCommand, StudyOutput,
+    TuningArguments,
 };
 use super::refusal::Done;
 use attitude_mpc::AttitudeLawConfig;
@@ -15,6 +16,7 @@ use studies::controllers::{self, ControllersError};
 use studies::morphing::{self, MorphingError};
 use studies::random::{self, RandomError};
 use studies::stability::{self, Bench, Grid, StabilityError};
+use studies::tuning;
 use studies::worst_case::{self, WorstCaseError};
 use thiserror::Error;
 use vehicle::{MorphAngle, VehicleParameters};
@@ -23,6 +25,8 @@ use vehicle::{MorphAngle, VehicleParameters};
 const SEEDS: [u64; 2] = [20, 3];
 /// Random flights of a quick study, at most.
 const QUICK_SEEDS: usize = 15;
+/// Candidates of a quick tuning, at most.
+const QUICK_CANDIDATES: u64 = 3;
 /// Weight of the paper's reproduction, whose limits are told beside those of flight.
 const PAPER_WEIGHT: f64 = 0.25;
 
@@ -80,6 +84,7 @@ pub(super) fn run(command: &StudyCommand, out: &mut dyn Write) -> Done {
         StudyCommand::Morphing(arguments) => fly_morphing(arguments),
         StudyCommand::Random(arguments) => fly_random(arguments),
         StudyCommand::Stability(arguments) => map_stability(arguments),
+        StudyCommand::Tuning(arguments) => tune(arguments),
         StudyCommand::WorstCase(arguments) => certify(arguments),
     };
     super::conclude(done, StudyError::exit_code, out)
@@ -168,6 +173,29 @@ fn fly_random(arguments: &RandomArguments) -> Result<(String, u8), StudyError> {
         ),
     };
     Ok((text, code))
+}
+
+fn tune(arguments: &TuningArguments) -> Result<(String, u8), StudyError> {
+    let TuningArguments { out, candidates, seed, seeds, judged } = arguments;
+    let mut folder = ResultsFolder::create(&out.out)?;
+    let flown = if out.quick { QUICK_SEEDS } else { usize::MAX };
+    let first = |seeds: &[u64]| seeds.iter().copied().take(flown).collect();
+    let candidates = if out.quick { QUICK_CANDIDATES.min(*candidates) } else { *candidates };
+    let (seeds, judged) = (first(seeds), first(judged));
+    let plan = tuning::Plan { candidates, seed: *seed, seeds, judged };
+    let bar = bar(usize::try_from(candidates).unwrap_or(usize::MAX), "candidates");
+    let study = tuning::run(&plan, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    tuning::report::write(&study, &mut folder)?;
+    let text = match out.format {
+        Format::Json => tuning::report::to_json(&study).to_string(),
+        Format::Text => format!(
+            "position MPC, {candidates} candidates: those that no other one beats, and the shipped set\n\n{}\n{}",
+            tuning::report::table(&study),
+            files(&folder),
+        ),
+    };
+    Ok((text, exit::PASS))
 }
 
 /// Lines below what they are; nothing for none.

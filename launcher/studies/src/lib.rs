@@ -2,8 +2,9 @@
 //!
 //! [`controllers`] compares all that fill the slots; [`morphing`] flies the figure eight through ever faster sweeps;
 //! [`stability`] maps where the attitude loop is stable; [`worst_case`] certifies with [`certificate`] how much work a
-//! solve can be; [`random`] flies vehicles and weather that no model knows; [`paper`] reproduces the paper's tests. All are functions from a plan to data; reports make tables,
-//! pictures and files of it. The commands `morphquad study` and `morphquad paper` are in the crate `cli`.
+//! solve can be; [`random`] flies vehicles and weather that no model knows; [`tuning`] draws sets of numbers for the position
+//! MPC and says which no other one beats; [`paper`] reproduces the paper's tests. All are functions from a plan to data;
+//! reports make tables, pictures and files of it. The commands `morphquad study` and `morphquad paper` are in the crate `cli`.
 
 pub mod certificate;
 pub mod controllers;
@@ -11,4 +12,5 @@ pub mod morphing;
 pub mod paper;
 pub mod random;
 pub mod stability;
+pub mod tuning;
 pub mod worst_case;

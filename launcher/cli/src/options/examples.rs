@@ -60,6 +60,15 @@ Examples:
 Tells how many flights stay how near to their path, and names the worst with the commands that fly them again. \
 launcher/docs/random-flights.md has what is drawn. Ends with 1 if a vehicle was lost.";
 
+pub(super) const TUNING: &str = "\
+Examples:
+  morphquad study tuning
+  morphquad study tuning --candidates 200 --seed 7 --out study-tuning
+  morphquad study tuning --quick
+
+Closeness is the error of figure eights over that of the shipped set, robustness what 90 % of random flights stay within. \
+The front is flown again by random flights that nothing was chosen by.";
+
 pub(super) const STABILITY: &str =
     "Example:\n  morphquad study stability --rate 500 --angle 120 --out study-500";
 

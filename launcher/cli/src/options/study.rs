@@ -21,6 +21,9 @@ pub(crate) enum StudyCommand {
     /// Map where the attitude loop is stable: rotor lag, inertia and delay over its weight
     #[command(after_help = examples::STABILITY)]
     Stability(StabilityArguments),
+    /// Draw sets of numbers for the position MPC and tell which no other one beats
+    #[command(after_help = examples::TUNING)]
+    Tuning(TuningArguments),
     /// Certify how many changes of its working set one solve of the attitude law can need
     #[command(after_help = examples::WORST_CASE)]
     WorstCase(StabilityArguments),
@@ -64,6 +67,25 @@ pub(crate) struct RandomArguments {
     /// Any key of the scenario in all of them, for example `pilot.period_s=6`
     #[arg(long, value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
+}
+
+/// The candidates of a tuning study, and what they fly.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct TuningArguments {
+    #[command(flatten)]
+    pub(crate) out: StudyOutput,
+    /// Sets of numbers, the shipped one included; 3 if quick
+    #[arg(long, value_name = "N", default_value = "40", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub(crate) candidates: u64,
+    /// Seed of what is drawn for them
+    #[arg(long, value_name = "SEED", default_value = "1")]
+    pub(crate) seed: u64,
+    /// Random flights by which is chosen, both ends included; up to 15 of them if quick
+    #[arg(long, value_name = "FIRST..LAST", default_value = "1..150", value_parser = seeds)]
+    pub(crate) seeds: Box<[u64]>,
+    /// Random flights by which those that are not beaten are judged
+    #[arg(long, value_name = "FIRST..LAST", default_value = "151..300", value_parser = seeds)]
+    pub(crate) judged: Box<[u64]>,
 }
 
 /// `FIRST..LAST`, as a campaign and `replay` take it.

@@ -15,7 +15,7 @@ use ::verdict::Grade;
 use observe::{Closing, Metrics};
 use scenario::{Override, Scenario, ScenarioError};
 use simulate::fan_out::{Progress, fan_out};
-use simulate::in_process::{InProcess, InProcessError, StateSource};
+use simulate::in_process::{InProcessError, StateSource, fly as fly_alone};
 use thiserror::Error;
 
 /// What is flown.
@@ -142,9 +142,7 @@ pub fn fly(plan: &Plan, progress: Progress<'_>) -> Result<Study, RandomError> {
 fn fly_one(plan: &Plan, base: &Scenario, draw: Draw) -> Result<Flown, RandomError> {
     let drawn = draw.flags(base);
     let scenario = draw.scenario(&plan.overrides, &drawn)?;
-    let mut flight = InProcess::new(&scenario, StateSource::Estimator, Metrics::of(&scenario))?;
-    flight.fly_until(u64::MAX)?;
-    let mut metrics = flight.seen(core::mem::take);
+    let mut metrics = fly_alone(&scenario, StateSource::Estimator, Metrics::of(&scenario))?;
     metrics.finish();
     let closing = Closing { flown_ns: scenario.duration_ns(), ..Closing::default() };
     let tracking = metrics.tracking();
