@@ -8,7 +8,7 @@ const DIED_OUT: f64 = 0.01;
 /// The sequences that span Δu of one input: Δu(k+m) = L(m)ᵀ η.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Basis {
-    /// Discrete Laguerre functions, an orthonormal basis of decaying sequences ([Wang], chapter 3): L(m+1) = A L(m) with A
+    /// Discrete Laguerre functions, an orthonormal basis of decaying sequences (\[Wang\], chapter 3): L(m+1) = A L(m) with A
     /// lower triangular, `pole` on its diagonal. At pole 0 they are unit pulses, and with Nc terms η is
     /// Δu(k), ..., Δu(k+Nc−1): the classic form.
     Laguerre {
