@@ -62,3 +62,16 @@ fn figure_eights_are_followed_to_millimetres_as_far_as_the_tilt_bound_lets() {
         }
     }
 }
+
+#[test]
+fn a_cone_bounds_the_tilt_itself_and_a_box_each_of_its_angles() {
+    let period = ["figure8-morph", "--in-process", "--no-record", "--set", "pilot.period_s=4"];
+    let tilt_rad = |bound: &str| {
+        let bound = format!("position_mpc.tilt_bound={bound}");
+        let flown = fly(&[&period[..], &["--set", &bound]].concat());
+        flown.summary()["tilt_max_rad"].as_f64().unwrap_or_else(|| panic!("{}", flown.said()))
+    };
+    // The attitude loop overshoots by a little.
+    let (boxed_rad, cone_rad) = (tilt_rad("box"), tilt_rad("cone"));
+    assert!(cone_rad < 0.37 && boxed_rad > 0.4, "{boxed_rad} rad, {cone_rad} rad");
+}

@@ -4,6 +4,7 @@ use mpc::{Basis, Horizon, MpcError, SolverKind, within};
 use thiserror::Error;
 use vehicle::ParameterError;
 
+use crate::cone::TiltBound;
 use crate::model;
 use crate::transport::DELAY_MAX_PERIODS;
 
@@ -39,7 +40,9 @@ pub struct PositionLawConfig {
     /// How each input (θ₀, φ₀, T₀) moves: nine blocks move it for as long as 85 pulses do, in a program of 27 unknowns and
     /// 51 rows.
     pub moves: [Basis; 3],
-    /// Bound on |φ| and |θ| in the ψ = 0 frame \[rad\].
+    /// What the bound on the tilt is for.
+    pub tilt_bound: TiltBound,
+    /// Bound on |φ| and |θ| in the ψ = 0 frame, or on the tilt \[rad\].
     pub tilt_max_rad: f64,
     /// Bound on their change in one sample \[rad\].
     pub tilt_step_max_rad: f64,
@@ -103,6 +106,7 @@ impl PositionLawConfig {
             output_weight: [1.0; 3],
             terminal_factor: 1.0,
             moves: [blocks; 3],
+            tilt_bound: TiltBound::Box,
             tilt_max_rad: 0.35,
             tilt_step_max_rad: (TILT_RATE_MAX_RAD_S / rate_hz).min(0.8),
             thrust_min_weights: 0.3,

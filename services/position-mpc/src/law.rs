@@ -5,6 +5,7 @@ use mpc::{IncrementalMpc, Limits, Measured, Move, Operating, QpStatus};
 use nalgebra::{SVector, Vector3};
 use vehicle::VehicleParameters;
 
+use crate::cone::Cone;
 use crate::config::{ConfigError, PositionLawConfig};
 use crate::memory::Memory;
 use crate::model;
@@ -86,6 +87,7 @@ pub struct PositionLaw {
     transports: [Transport; 3],
     operating: Operating<3>,
     limits: Limits<'static, 3>,
+    cone: Cone,
     engine: IncrementalMpc<3>,
     /// What is left of the way back after each sample ahead.
     fading: Vec<f64>,
@@ -114,6 +116,7 @@ impl PositionLaw {
             transports,
             operating: model::operating(&config, vehicle),
             limits: model::limits(&config, vehicle),
+            cone: Cone::of(config.tilt_bound, config.tilt_max_rad),
             engine: IncrementalMpc::new(&model::design(&config, drag_per_s), config.solver)?,
             memory: Memory::at_trim(vehicle.weight_n()),
         })
@@ -140,7 +143,8 @@ impl PositionLaw {
             })
         };
         let [phi, theta, ..] = self.memory.setpoints[0];
-        let limits = self.limits_at(lift(phi, theta));
+        let coupled = self.cone.rows();
+        let limits = Limits { coupled, ..self.limits_at(lift(phi, theta)) };
         let mut chosen = self.engine.step(&now, &self.operating, reference, &limits, None);
 
         let psi = input.gamma_rad.z;

@@ -8,6 +8,7 @@
 #![cfg_attr(test, allow(clippy::float_cmp, reason = "where bits must agree, bits are compared"))]
 
 pub mod component;
+mod cone;
 mod config;
 mod law;
 mod memory;
@@ -17,6 +18,7 @@ mod thrust_vector;
 mod transport;
 
 pub use component::PositionMpc;
+pub use cone::TiltBound;
 pub use config::{ConfigError, PositionLawConfig};
 pub use controller::Setpoint;
 pub use controller::preview::Landing;

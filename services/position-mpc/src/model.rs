@@ -6,6 +6,7 @@ use mpc::{
 use nalgebra::Vector3;
 use vehicle::VehicleParameters;
 
+use crate::cone::{self, TiltBound};
 use crate::config::PositionLawConfig;
 use crate::transport::Transport;
 
@@ -43,6 +44,8 @@ pub(crate) fn design(config: &PositionLawConfig, drag_per_s: f64) -> Design<3> {
     let constraints = Constraints {
         levels: Some(hardness(config.level_penalty)),
         increments: Some(hardness(config.increment_penalty)),
+        coupled: (config.tilt_bound == TiltBound::Cone)
+            .then_some((&cone::NORMALS[..], hardness(config.level_penalty))),
         rates: config.speed_max_m_s.map(|_| hardness(config.state_penalty)),
         ..Constraints::PAPER
     };
@@ -60,6 +63,7 @@ pub(crate) fn operating(config: &PositionLawConfig, vehicle: &VehicleParameters)
     }
 }
 
+/// Without the cone, which the law adds.
 pub(crate) fn limits(
     config: &PositionLawConfig,
     vehicle: &VehicleParameters,

@@ -11,7 +11,7 @@ use serde::Deserialize;
 
 use crate::config::{BLOCKS, USUAL_ATTITUDE_PERIOD_S, USUAL_LATENCY_S};
 use crate::transport::transport_s;
-use crate::{Basis, ConfigError, Horizon, PositionLawConfig, SolverKind};
+use crate::{Basis, ConfigError, Horizon, PositionLawConfig, SolverKind, TiltBound};
 
 /// Samples over which inputs that move by Laguerre functions are bounded at least.
 const LAGUERRE_CONTROL: usize = 3;
@@ -66,7 +66,10 @@ pub struct Settings {
     /// Price of leaving it; hard if left out.
     #[garde(range(min = 1e-9, max = 1e9))]
     pub state_penalty: Option<f64>,
-    /// Bound on |φ| and |θ| \[rad\]; 0.35 if left out.
+    /// What `tilt_max_rad` bounds: `box`, |φ| and |θ| each at ψ = 0, or `cone`, the angle between thrust and vertical.
+    #[garde(skip)]
+    pub tilt_bound: TiltBound,
+    /// Bound on the tilt \[rad\]; 0.35 if left out.
     #[garde(range(min = 0.01, max = 0.8))]
     pub tilt_max_rad: Option<f64>,
     /// Bound on their change in one sample \[rad\]; 2.8 rad/s if left out.
@@ -116,6 +119,7 @@ impl Default for Settings {
             increment_penalty: None,
             speed_max_m_s: None,
             state_penalty: None,
+            tilt_bound: TiltBound::Box,
             tilt_max_rad: None,
             tilt_step_max_rad: None,
             thrust_min_weights: None,
@@ -168,6 +172,7 @@ impl Settings {
             increment_penalty: self.increment_penalty,
             speed_max_m_s: self.speed_max_m_s,
             state_penalty: self.state_penalty,
+            tilt_bound: self.tilt_bound,
             tilt_max_rad: self.tilt_max_rad.unwrap_or(base.tilt_max_rad),
             tilt_step_max_rad: self.tilt_step_max_rad.unwrap_or(base.tilt_step_max_rad),
             thrust_min_weights: self.thrust_min_weights.unwrap_or(base.thrust_min_weights),

@@ -85,6 +85,15 @@ impl<const N: usize> Coupled<'_, N> {
         if share.is_finite() { share.max(0.0) } else { 0.0 }
     }
 
+    /// As much of the way from `from`, which is admissible, to `to` as the rows leave, in the inputs that they have.
+    fn towards(&self, from: &SVector<f64, N>, to: &SVector<f64, N>) -> SVector<f64, N> {
+        let share = self.share(from, to);
+        let has = |i: usize| self.normals.iter().any(|normal| normal[i].abs() > 0.0);
+        SVector::from_fn(|i, _| {
+            if share < 1.0 && has(i) { from[i] + (to[i] - from[i]) * share } else { to[i] }
+        })
+    }
+
     /// How far `u` leaves the rows; 0 inside.
     pub(crate) fn excess(&self, u: &SVector<f64, N>) -> f64 {
         let rows = self.normals.iter().zip(self.lower.iter().zip(self.upper));
@@ -117,15 +126,15 @@ impl<const N: usize> FirstMove<N> {
     ///
     /// If the bounds on the level moved away from `u_previous` faster than `du_max` can follow,
     /// the increment bound gives way by exactly the missing amount; else no increment would do.
-    /// Boxes alone are followed input by input; with coupled rows the level shrinks towards no
-    /// input at all, which they always admit.
+    /// Boxes alone are followed input by input; with coupled rows the inputs that they have shrink towards
+    /// none at all, which they always admit.
     pub(crate) fn new(
         bounds: &Bounds<N>,
         coupled: &Coupled<'_, N>,
         u_previous: &SVector<f64, N>,
     ) -> Self {
         let boxed = u_previous.sup(&bounds.u_min).inf(&bounds.u_max);
-        let anchor = boxed * coupled.share(&SVector::zeros(), &boxed);
+        let anchor = coupled.towards(&SVector::zeros(), &boxed);
         let needed = (anchor - u_previous).abs();
         let relaxation = (needed - bounds.du_max).sup(&SVector::zeros());
         let reach = bounds.du_max + relaxation;
@@ -150,8 +159,7 @@ impl<const N: usize> FirstMove<N> {
     ) -> SVector<f64, N> {
         let finite = du.map(|du| if du.is_finite() { du } else { 0.0 });
         let wanted = u_previous + finite.sup(&self.lower).inf(&self.upper);
-        let share = coupled.share(&self.anchor, &wanted);
-        if share < 1.0 { self.anchor + (wanted - self.anchor) * share } else { wanted }
+        coupled.towards(&self.anchor, &wanted)
     }
 }
 

@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use position_mpc::{
     ConfigError, Horizon, Input, LawStatus, Memory, MpcError, PositionLaw, PositionLawConfig,
-    Refusal, Setpoint, SolverKind,
+    Refusal, Setpoint, SolverKind, TiltBound,
 };
 use vehicle::VehicleParameters;
 
@@ -36,10 +36,11 @@ fn input(k: u32, points: &[Vector3<f64>]) -> Input<'_> {
     }
 }
 
-fn configurations() -> [PositionLawConfig; 3] {
+fn configurations() -> [PositionLawConfig; 4] {
     let flight = PositionLawConfig::default();
     let hildreth = PositionLawConfig { solver: SolverKind::Hildreth, ..flight };
-    [flight, PositionLawConfig::flight(100.0), hildreth]
+    let cone = PositionLawConfig { tilt_bound: TiltBound::Cone, ..flight };
+    [flight, PositionLawConfig::flight(100.0), hildreth, cone]
 }
 
 #[test]
@@ -71,6 +72,9 @@ fn bounds_hold_in_every_step_in_the_frame_without_heading() {
             let beyond =
                 (output.command - output.command_max).sup(&(output.command_min - output.command));
             assert!(beyond.max() <= 0.0, "step {k}: {output:?}");
+            let tilt = libm::atan(libm::hypot(output.command.x, output.command.y));
+            let free = config.tilt_bound == TiltBound::Box;
+            assert!(free || tilt <= config.tilt_max_rad + 1e-12, "step {k}: {tilt} rad");
             if config.solver == SolverKind::ActiveSet {
                 assert_eq!(output.status, LawStatus::Solved);
                 assert!(output.violation <= 1e-9, "step {k}: {output:?}");
