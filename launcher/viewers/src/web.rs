@@ -32,8 +32,9 @@ use tokio_io_timeout::TimeoutStream;
 const PATIENCE: Duration = Duration::from_secs(30);
 /// How long one may take to say what it wants.
 const HEAD_PATIENCE: Duration = Duration::from_secs(5);
-/// How long a client that is being answered is waited for at the end.
-const GOODBYE: Duration = Duration::from_millis(500);
+/// How long a client that is being answered is waited for at the end: a flight that is told to stop answers the client
+/// that told it, and on a busy machine that takes its time.
+const GOODBYE: Duration = Duration::from_secs(5);
 /// Longest body of a request \[bytes\].
 const BODY_BYTES: usize = 16 << 10;
 
