@@ -190,7 +190,7 @@ fn tune(arguments: &TuningArguments) -> Result<(String, u8), StudyError> {
     let text = match out.format {
         Format::Json => tuning::report::to_json(&study).to_string(),
         Format::Text => format!(
-            "position MPC, {candidates} candidates: those that no other one beats, and the shipped set\n\n{}\n{}",
+            "position MPC, {candidates} candidates: the Pareto front, and the shipped set\n\n{}\n{}",
             tuning::report::table(&study),
             files(&folder),
         ),

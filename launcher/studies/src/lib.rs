@@ -3,7 +3,7 @@
 //! [`controllers`] compares all that fill the slots; [`morphing`] flies the figure eight through ever faster sweeps;
 //! [`stability`] maps where the attitude loop is stable; [`worst_case`] certifies with [`certificate`] how much work a
 //! solve can be; [`random`] flies vehicles and weather that no model knows; [`tuning`] draws sets of numbers for the position
-//! MPC and says which no other one beats; [`paper`] reproduces the paper's tests. All are functions from a plan to data;
+//! MPC and gives their Pareto front; [`paper`] reproduces the paper's tests. All are functions from a plan to data;
 //! reports make tables, pictures and files of it. The commands `morphquad study` and `morphquad paper` are in the crate `cli`.
 
 pub mod certificate;

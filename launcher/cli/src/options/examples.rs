@@ -67,7 +67,7 @@ Examples:
   morphquad study tuning --quick
 
 Closeness is the error of figure eights over that of the shipped set, robustness what 90 % of random flights stay within. \
-The front is flown again by random flights that nothing was chosen by.";
+The Pareto front is flown again by random flights that nothing was chosen by.";
 
 pub(super) const STABILITY: &str =
     "Example:\n  morphquad study stability --rate 500 --angle 120 --out study-500";

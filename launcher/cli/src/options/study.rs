@@ -21,7 +21,7 @@ pub(crate) enum StudyCommand {
     /// Map where the attitude loop is stable: rotor lag, inertia and delay over its weight
     #[command(after_help = examples::STABILITY)]
     Stability(StabilityArguments),
-    /// Draw sets of numbers for the position MPC and tell which no other one beats
+    /// Draw sets of numbers for the position MPC and give the Pareto front of closeness and robustness
     #[command(after_help = examples::TUNING)]
     Tuning(TuningArguments),
     /// Certify how many changes of its working set one solve of the attitude law can need
@@ -83,7 +83,7 @@ pub(crate) struct TuningArguments {
     /// Random flights by which is chosen, both ends included; up to 15 of them if quick
     #[arg(long, value_name = "FIRST..LAST", default_value = "1..150", value_parser = seeds)]
     pub(crate) seeds: Box<[u64]>,
-    /// Random flights by which those that are not beaten are judged
+    /// Random flights by which the Pareto front is judged
     #[arg(long, value_name = "FIRST..LAST", default_value = "151..300", value_parser = seeds)]
     pub(crate) judged: Box<[u64]>,
 }

@@ -1,8 +1,8 @@
 //! Sets of numbers for the position MPC, by how close they fly and by how much they bear.
 //!
 //! Candidates are drawn by seed from [`KNOBS`], the shipped set first. Each flies figure eights in ever shorter periods,
-//! calm and in wind, and the [random flights](crate::random) of some seeds. Those that no other one beats in everything are
-//! the front; it is judged on seeds that nothing was chosen by. Open `report.rs` for table, picture and files.
+//! calm and in wind, and the [random flights](crate::random) of some seeds. The Pareto front, candidates that no other one
+//! beats in everything, is judged on seeds that nothing was chosen by. Open `report.rs` for table, picture and files.
 
 pub mod report;
 #[cfg(test)]
@@ -54,7 +54,7 @@ pub struct Plan {
     pub seed: u64,
     /// Random flights by which is chosen.
     pub seeds: Vec<u64>,
-    /// Random flights by which the front is judged.
+    /// Random flights by which the Pareto front is judged.
     pub judged: Vec<u64>,
 }
 
@@ -102,7 +102,7 @@ pub struct Study {
 }
 
 impl Study {
-    /// Candidates that no other one beats, the closest first.
+    /// The Pareto front: candidates that no other one beats in everything, the closest first.
     #[must_use]
     pub fn front(&self) -> Vec<&Candidate> {
         let all = &self.candidates;

@@ -11,7 +11,7 @@ fn settings(candidate: &Candidate) -> String {
     if flags.is_empty() { "shipped".to_owned() } else { flags.join(" ") }
 }
 
-/// The front, a row each, the closest first, and the shipped set.
+/// The Pareto front, a row each, the closest first, and the shipped set.
 #[must_use]
 pub fn table(study: &Study) -> Table {
     let headings =
@@ -70,7 +70,7 @@ pub fn figure(study: &Study) -> Figure {
         Axis::new("error that 90 % of random flights stay within [mm]"),
     )
     .curve(Curve::new("candidates", Colour::Grey, all).mark(Mark::Dots(2.5)))
-    .curve(Curve::new("front", Colour::Blue, front))
+    .curve(Curve::new("Pareto front", Colour::Blue, front))
     .curve(Curve::new("shipped", Colour::Red, shipped).mark(Mark::Crosses(5.0)));
     Figure::new("position MPC: closeness and robustness".to_owned(), 1).panel(panel)
 }
