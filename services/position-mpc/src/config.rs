@@ -27,7 +27,7 @@ pub struct PositionLawConfig {
     /// Control rate \[Hz\], up to 200.
     pub rate_hz: f64,
     /// Np and Nc. A double integrator whose input is bounded must begin to brake before it arrives: with 0.4 s of
-    /// look-ahead a figure eight in 4.5 s, where the tilt bound binds, is 0.9 m off, with 2 s it is 16 mm. {100, 85} at 50 Hz.
+    /// look-ahead a figure eight in 4.5 s, where the tilt bound binds, is 0.9 m off, with 2 s it is 17 mm. {100, 85} at 50 Hz.
     pub horizon: Horizon,
     /// W of (15) on tilt increments \[m²/rad²\].
     pub tilt_weight: f64,
@@ -101,7 +101,7 @@ impl PositionLawConfig {
         Self {
             rate_hz,
             horizon,
-            tilt_weight: 1.2 * by_rate,
+            tilt_weight: 1.3 * by_rate,
             thrust_weight: 0.4 * by_rate,
             output_weight: [1.0; 3],
             terminal_factor: 1.0,
@@ -116,8 +116,8 @@ impl PositionLawConfig {
             increment_penalty: None,
             speed_max_m_s: None,
             state_penalty: None,
-            tilt_lag_s: 0.030,
-            tilt_delay_s: (0.5 / rate_hz).max(0.025),
+            tilt_lag_s: 0.040,
+            tilt_delay_s: (0.5 / rate_hz).max(0.0225),
             thrust_lag_s: 0.015,
             thrust_delay_s: 0.002,
             setpoint_latency_s: USUAL_LATENCY_S,

@@ -66,8 +66,8 @@ pub fn figure(study: &Study) -> Figure {
     let shipped = all.first().copied().into_iter().collect();
     let panel = Panel::new(
         "",
-        Axis::log("rms error of figure eights over that of the shipped set"),
-        Axis::new("error that 90 % of random flights stay within [mm]"),
+        Axis::new("closeness: rms error over the shipped set's"),
+        Axis::new("90 % of random flights within [mm]"),
     )
     .curve(Curve::new("candidates", Colour::Grey, all).mark(Mark::Dots(2.5)))
     .curve(Curve::new("Pareto front", Colour::Blue, front))
