@@ -68,9 +68,9 @@ const FLIGHTS: [Flight; 9] = [
     (
         "clipped",
         "[start]\nposition_w_m = [0.0, 0.0, 5.0]\n[[disturbance_injector.script]]\nkind = \"step\"\n\
-         at_s = 1.0\nuntil_s = 2.0\nload = { torque_b_nm = [0.0, 0.0, 0.03] }\n\
+         at_s = 1.0\nuntil_s = 1.9\nload = { torque_b_nm = [0.0, 0.0, 0.03] }\n\
          [verdict]\ntracking_max_m = 5.0\ntracking_sustained_max_m = 5.0\ntracking_rms_max_m = 5.0\n\
-         heading_max_rad = 3.2\nclipped_max_share = 0.5\nclipped_max_s = 0.3\n",
+         heading_max_rad = 3.2\nclipped_max_share = 0.5\nclipped_max_s = 0.1\n",
         1,
         "FAILED",
         "rotors clipped without a break ",
