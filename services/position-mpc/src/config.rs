@@ -14,8 +14,8 @@ const LOOK_AHEAD_S: f64 = 2.0;
 const MOVES_S: f64 = 1.7;
 /// Blocks of moves of each input.
 pub(crate) const BLOCKS: u8 = 9;
-/// Largest rate of a set point's tilt \[rad/s\]: what an attitude loop with slow rotors, half more inertia than told and a
-/// weak rotor still follows.
+/// Largest rate of a set point's tilt \[rad/s\]: with more, `attitude-pid` lags behind after a gust by more than a rehearsal
+/// allows, and attitude loops with slow rotors and a weak one are lost more often.
 const TILT_RATE_MAX_RAD_S: f64 = 2.8;
 /// Latency of set points and period of the attitude loop that the delays of [`PositionLawConfig::flight`] are for \[s\].
 pub(crate) const USUAL_LATENCY_S: f64 = 0.001;
@@ -27,7 +27,7 @@ pub struct PositionLawConfig {
     /// Control rate \[Hz\], up to 200.
     pub rate_hz: f64,
     /// Np and Nc. A double integrator whose input is bounded must begin to brake before it arrives: with 0.4 s of
-    /// look-ahead a figure eight in 4.5 s, where the tilt bound binds, is 0.9 m off, with 2 s it is 17 mm. {100, 85} at 50 Hz.
+    /// look-ahead a figure eight in 4.5 s, where the tilt bound binds, is 0.9 m off in calm air, with 2 s 14 mm. {100, 85} at 50 Hz.
     pub horizon: Horizon,
     /// W of (15) on tilt increments \[m²/rad²\].
     pub tilt_weight: f64,

@@ -227,8 +227,8 @@ impl PositionLaw {
     /// An attitude loop that is no faster than this one, or hears of a set point late, still reports
     /// u(k−1−`late`). It is carried on by the increments that this law chose since.
     ///
-    /// Where the other one leaves the vehicle beside the reference, the law returns to it along a path that fades within
-    /// a second, so that neither set point nor vehicle jumps when it takes over.
+    /// Where the other one leaves the vehicle beside the reference, the law returns to it along a path that fades with a
+    /// time constant of half a second, so that neither set point nor vehicle jumps when it takes over.
     pub fn track(&mut self, applied: &Setpoint, late: usize) {
         self.memory.tracks = true;
         let gamma = &applied.gamma_rad;

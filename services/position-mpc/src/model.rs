@@ -10,16 +10,13 @@ use crate::cone::{self, TiltBound};
 use crate::config::PositionLawConfig;
 use crate::transport::Transport;
 
-/// Lag below which the bound of the engine on the drag stays as it is \[s\].
-const LAG_LEAST_S: f64 = 1e-3;
-
 /// The transports of θ₀, φ₀ and T₀ to the vehicle. The tilt stands behind the attitude loop, here a lag and a delay, the thrust
 /// behind the rotors; without them the outer loop overshoots.
 /// The air slows the vehicle along all three axes alike.
 pub(crate) fn transports(config: &PositionLawConfig, drag_per_s: f64) -> [Transport; 3] {
     let way = |lag_s: f64, delay_s| {
         // Behind an actuator that is nearly as slow as the drag itself the model has less of it.
-        let drag_per_s = drag_per_s.min(0.5 / lag_s.max(LAG_LEAST_S));
+        let drag_per_s = drag_per_s.min(LaggedAxis::drag_max_per_s(lag_s));
         let way = LaggedAxis { gain: 1.0, lag_s, delay_s, drag_per_s };
         Transport::new(way, config.period_s())
     };

@@ -195,11 +195,9 @@ impl Settings {
     fn moves(&self, base: &PositionLawConfig) -> [Basis; 3] {
         let Horizon { control, .. } = self.horizon(base.horizon);
         let laguerre = Basis::given(self.laguerre_pole, self.laguerre_terms, control);
-        let blocks = self.control_blocks.or(match self.control_horizon {
-            None => Some(BLOCKS),
-            Some(_) => None,
-        });
-        let blocks = blocks.map(|terms| Basis::Blocks { terms: terms.into(), samples: control });
+        let usual = self.control_horizon.is_none().then_some(usize::from(BLOCKS).min(control));
+        let blocks = self.control_blocks.map(usize::from).or(usual);
+        let blocks = blocks.map(|terms| Basis::Blocks { terms, samples: control });
         laguerre.unwrap_or([blocks.unwrap_or(Basis::pulses(control)); 3])
     }
 

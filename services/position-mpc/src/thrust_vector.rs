@@ -3,8 +3,9 @@
 //! Inside the law the input is u = (θ₀, φ₀, T₀), ordered by the axis it moves: with n the direction of the thrust T in W,
 //! the last column of the rotation in (2), and ψ = 0, θ₀ = n₁ / n₃ and φ₀ = −n₂ / n₃ are tangents of the tilt and
 //! T₀ = T n₃ is the part of the thrust that carries. Then m (ẍ, ÿ, z̈ + g) = T₀ (θ₀, −φ₀, 1) at any tilt, where (3) holds
-//! for small angles, and a tilt costs no lift.
+//! for small angles, and a tilt costs no lift. Tangents turn with the heading exactly as [`heading`] turns small angles.
 
+use controller::heading;
 use nalgebra::Vector3;
 
 /// Least n₃ that counts: a vehicle that lies on its side is none that the law can predict.
@@ -12,19 +13,17 @@ const LIFT_MIN: f64 = 0.2;
 
 /// (φ, θ) \[rad\] at heading `psi` \[rad\] of (θ₀, φ₀).
 pub(crate) fn angles_at(u: &Vector3<f64>, psi: f64) -> (f64, f64) {
-    let (s, c) = libm::sincos(psi);
-    let (ahead, right) = (c * u.x + s * -u.y, s * u.x + c * u.y);
+    let (right, ahead) = heading::angles_at(u, psi);
     let theta = libm::atan(ahead);
     (libm::atan(right * libm::cos(theta)), theta)
 }
 
 /// u at ψ = 0 of angles at heading `psi` \[rad\] and thrust T \[N\].
 pub(crate) fn input_of(phi: f64, theta: f64, psi: f64, thrust_n: f64) -> Vector3<f64> {
-    let (s, c) = libm::sincos(psi);
     let lift = lift(phi, theta);
     let ahead = libm::sin(theta) * libm::cos(phi) / lift;
     let right = libm::sin(phi) / lift;
-    Vector3::new(c * ahead + s * right, c * right - s * ahead, thrust_n * lift)
+    heading::input_of(right, ahead, psi, thrust_n * lift)
 }
 
 /// Share of the thrust that carries, n₃.

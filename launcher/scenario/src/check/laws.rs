@@ -253,7 +253,12 @@ impl Checker<'_> {
     fn position_keys(&self) -> Vec<IdleKey> {
         let law = &self.settings().position_mpc;
         let idle = law.state_penalty.is_some() && law.speed_max_m_s.is_none();
-        vec![(POSITION, "state_penalty", idle, "give speed_max_m_s")]
+        let by_laguerre = law.laguerre_pole.is_some() || law.laguerre_terms.is_some();
+        let no_blocks = law.control_blocks.is_some() && by_laguerre;
+        vec![
+            (POSITION, "state_penalty", idle, "give speed_max_m_s"),
+            (POSITION, "control_blocks", no_blocks, "leave out laguerre_pole and laguerre_terms"),
+        ]
     }
 }
 

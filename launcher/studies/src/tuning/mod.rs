@@ -29,7 +29,7 @@ pub struct Knob {
     pub decimals: usize,
 }
 
-/// What is drawn: evenly, weights by their logarithm.
+/// What is drawn: evenly, by the logarithm where the ends are a factor of ten apart.
 pub const KNOBS: [Knob; 8] = [
     Knob { key: "position_mpc.prediction_horizon", least: 90.0, most: 110.0, decimals: 0 },
     Knob { key: "position_mpc.control_horizon", least: 60.0, most: 90.0, decimals: 0 },
@@ -102,12 +102,17 @@ pub struct Study {
 }
 
 impl Study {
-    /// The Pareto front: candidates that no other one beats in everything, the closest first.
+    /// No other candidate beats this one in everything.
+    #[must_use]
+    pub fn is_on_front(&self, one: &Candidate) -> bool {
+        !self.candidates.iter().any(|other| one.is_beaten_by(other))
+    }
+
+    /// The Pareto front, the closest first.
     #[must_use]
     pub fn front(&self) -> Vec<&Candidate> {
-        let all = &self.candidates;
-        let unbeaten = |one: &&Candidate| !all.iter().any(|other| one.is_beaten_by(other));
-        let mut front: Vec<&Candidate> = all.iter().filter(unbeaten).collect();
+        let on_front = |one: &&Candidate| self.is_on_front(one);
+        let mut front: Vec<&Candidate> = self.candidates.iter().filter(on_front).collect();
         front.sort_by(|a, b| a.closeness.total_cmp(&b.closeness));
         front
     }
@@ -122,7 +127,7 @@ fn draw(seed: u64, place: u64) -> Vec<String> {
     random.set_stream(place);
     let draw = |Knob { key, least, most, decimals }: Knob| {
         let share: f64 = random.random_range(0.0..=1.0);
-        let value = if key.ends_with("_weight") {
+        let value = if most >= 10.0 * least {
             least * libm::pow(most / least, share)
         } else {
             least + share * (most - least)
@@ -132,7 +137,7 @@ fn draw(seed: u64, place: u64) -> Vec<String> {
     KNOBS.map(draw).into()
 }
 
-/// Tries the plan on all cores; `progress` is called for each candidate, and for each of the front.
+/// Tries the plan on all cores; `progress` is called for each candidate.
 ///
 /// # Errors
 /// A set that the scenario refuses, or a flight that hangs.
@@ -148,10 +153,11 @@ pub fn run(plan: &Plan, progress: Progress<'_>) -> Result<Study, RandomError> {
         study.candidates.push(Candidate { flags, rms_m, closeness, random, judged: None });
         progress();
     }
-    let front: Vec<Vec<String>> = study.front().iter().map(|one| one.flags.clone()).collect();
-    for candidate in study.candidates.iter_mut().filter(|one| front.contains(&one.flags)) {
+    let on_front: Vec<bool> = study.candidates.iter().map(|one| study.is_on_front(one)).collect();
+    for (candidate, _) in
+        study.candidates.iter_mut().zip(on_front).filter(|(_, on_front)| *on_front)
+    {
         candidate.judged = Some(robustness(&candidate.flags, &plan.judged)?);
-        progress();
     }
     Ok(study)
 }

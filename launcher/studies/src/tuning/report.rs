@@ -23,9 +23,8 @@ pub fn table(study: &Study) -> Table {
         });
         told.unwrap_or_else(|| ["-"; 2].map(str::to_owned))
     };
-    let front = study.front();
-    let shipped = study.candidates.first().filter(|shipped| !front.contains(shipped));
-    for candidate in front.iter().copied().chain(shipped) {
+    let shipped = study.candidates.first().filter(|shipped| !study.is_on_front(shipped));
+    for candidate in study.front().into_iter().chain(shipped) {
         let ([lost, within], [judged_lost, judged_within]) =
             (told(Some(candidate.random)), told(candidate.judged));
         let closeness = format!("{:.3}", candidate.closeness);
@@ -80,7 +79,6 @@ pub fn figure(study: &Study) -> Figure {
 pub fn to_json(study: &Study) -> Value {
     let robustness =
         |of: Robustness| json!({"lost": of.lost, "ninety_percent_within_m": of.within_m});
-    let front = study.front();
     let candidate = |candidate: &Candidate| {
         json!({
             "set": candidate.flags,
@@ -88,7 +86,7 @@ pub fn to_json(study: &Study) -> Value {
             "closeness": candidate.closeness,
             "random": robustness(candidate.random),
             "judged": candidate.judged.map(robustness),
-            "front": front.contains(&candidate),
+            "front": study.is_on_front(candidate),
         })
     };
     json!({

@@ -21,15 +21,6 @@ pub fn input_of(phi: f64, theta: f64, psi: f64, thrust: f64) -> Vector3<f64> {
     Vector3::new(c * theta + s * phi, c * phi - s * theta, thrust)
 }
 
-/// (θ₀, φ₀) that the vehicle now has, from the direction of its thrust, the first column of (2).
-#[must_use]
-pub fn present_tilt(gamma: &Vector3<f64>) -> (f64, f64) {
-    let (s_phi, c_phi) = libm::sincos(gamma.x);
-    let s_theta = libm::sin(gamma.y);
-    let (s, c) = libm::sincos(gamma.z);
-    (c_phi * s_theta * c + s_phi * s, s_phi * c - c_phi * s_theta * s)
-}
-
 #[cfg(test)]
 mod tests {
     use vehicle::quaternion_from_euler;
@@ -48,13 +39,5 @@ mod tests {
             assert!((z_w.y + u.y).abs() < 1e-7, "{degrees}");
             assert!((input_of(phi, theta, psi, u.z) - u).amax() < 1e-15);
         }
-    }
-
-    #[test]
-    fn the_present_tilt_is_the_horizontal_part_of_the_thrust_direction() {
-        let gamma = Vector3::new(0.3, -0.2, 2.5);
-        let z_w = quaternion_from_euler(&gamma) * Vector3::z();
-        let (theta, phi) = present_tilt(&gamma);
-        assert!((theta - z_w.x).abs() < 1e-15 && (phi + z_w.y).abs() < 1e-15);
     }
 }

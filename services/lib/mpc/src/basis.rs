@@ -18,7 +18,7 @@ pub enum Basis {
         terms: usize,
     },
     /// Blocks in which Δu stays: the input is linear between their ends, so that bounds kept at the ends are kept
-    /// throughout. The first has one sample, and each is longer than the one before by about the same factor, since what is
+    /// throughout. The first of several has one sample, and each is longer than the one before by about the same factor, since what is
     /// far ahead will be planned again.
     Blocks {
         /// N: number of blocks, the unknowns of this input.
@@ -107,16 +107,16 @@ impl Basis {
     /// L(0), ..., L(samples − 1), one after the other; `terms` numbers each.
     #[must_use]
     pub fn sequence(&self, samples: usize) -> Vec<f64> {
-        match (*self, self.blocks()) {
-            (Self::Laguerre { pole, terms }, _) => laguerre(pole, terms, samples),
-            (_, blocks) => {
-                let terms = self.terms();
-                let mut values = vec![0.0; samples * terms];
-                for (term, [first, last]) in blocks.unwrap_or_default().into_iter().enumerate() {
-                    let height = 1.0 / ((last + 1 - first) as f64).sqrt();
-                    for m in first..=last.min(samples.saturating_sub(1)) {
+        match *self {
+            Self::Laguerre { pole, terms } => laguerre(pole, terms, samples),
+            Self::Blocks { terms, samples: all } => {
+                let (mut values, mut start) = (vec![0.0; samples * terms], 0);
+                for (term, end) in block_ends(terms, all).into_iter().enumerate() {
+                    let height = 1.0 / ((end - start) as f64).sqrt();
+                    for m in start..end.min(samples) {
                         values[m * terms + term] = height;
                     }
+                    start = end;
                 }
                 values
             }
@@ -174,6 +174,7 @@ fn block_ends(terms: usize, samples: usize) -> Vec<usize> {
         let before = ends.last().copied().unwrap_or(0);
         ends.push(rounded.clamp(before + 1, samples + i + 1 - terms));
     }
+    // A single block has no factor.
     if let Some(last) = ends.last_mut() {
         *last = samples;
     }

@@ -21,6 +21,12 @@ struct Hold {
 }
 
 impl LaggedAxis {
+    /// Largest drag \[1/s\] that the sampled model takes behind such a lag \[s\]: by far slower than the lag.
+    #[must_use]
+    pub fn drag_max_per_s(lag_s: f64) -> f64 {
+        0.5 / lag_s.max(1e-3)
+    }
+
     /// a(h) = e a + (1 - e) u with e = exp(-h/lag); rate and position are its integrals, without drag.
     fn hold(&self, h: f64) -> Hold {
         let (rise, lagged) = if self.lag_s > 0.0 {

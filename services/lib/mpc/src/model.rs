@@ -43,7 +43,7 @@ pub struct AxisDesign {
     pub lag_s: f64,
     /// Delay of the command \[s\], within 0..=period.
     pub delay_s: f64,
-    /// Deceleration per unit of rate \[1/s\], 0 in the paper; by far slower than the lag.
+    /// Deceleration per unit of rate \[1/s\], 0 in the paper; at most [`LaggedAxis::drag_max_per_s`].
     pub drag_per_s: f64,
     /// How Δu is parameterised.
     pub basis: Basis,
@@ -174,7 +174,7 @@ impl<const N: usize> Design<N> {
             axis.basis.check(Horizon::CONTROL_LIMIT)?;
             within("lag_s", axis.lag_s, 0.0, 1e3)?;
             within("delay_s", axis.delay_s, 0.0, self.period_s)?;
-            within("drag_per_s", axis.drag_per_s, 0.0, 0.5 / axis.lag_s.max(1e-3))?;
+            within("drag_per_s", axis.drag_per_s, 0.0, LaggedAxis::drag_max_per_s(axis.lag_s))?;
             within("output_weight", axis.output_weight, 0.0, 1e12)?;
             within("terminal_factor", axis.terminal_factor, 0.0, 1e12)?;
         }

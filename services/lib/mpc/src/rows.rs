@@ -83,7 +83,8 @@ impl<const N: usize> Rows<N> {
         let bounded = design.bounded();
         let control = bounded.len();
         let hard = |set: Option<Hardness>| set.is_some_and(Hardness::is_hard);
-        let merged = hard(constraints.levels) && hard(constraints.increments);
+        let ends_at_once = bounded.first() == Some(&[0, 0]);
+        let merged = ends_at_once && hard(constraints.levels) && hard(constraints.increments);
         let counts = [
             constraints.levels.map_or(0, |_| N * control),
             constraints.increments.map_or(0, |_| N * (control - usize::from(merged))),

@@ -192,3 +192,19 @@ fn a_design_that_makes_no_sense_is_refused_with_its_numbers() {
     wide.constraints.rates = Some(Hardness::Hard);
     assert_eq!(build(&wide), MpcError::Rows { rows: 15 + 1200, limit: 1024 });
 }
+
+#[test]
+fn a_single_block_is_bounded_in_its_increment_and_in_the_level_at_its_end() {
+    let mut design = bare(Horizon { prediction: 20, control: 5 });
+    for axis in &mut design.axes {
+        axis.basis = Basis::Blocks { terms: 1, samples: 5 };
+    }
+    for (level, increment, moved) in [(0.11, 0.06, 0.022), (0.11, 0.01, 0.01)] {
+        let mut mpc = engine(&design);
+        let limits = boxes(level, increment);
+        let far = |_| Vector3::repeat(1e3);
+        let chosen = mpc.step(&resting(), &symmetric(1e4), far, &limits, None);
+        assert_eq!(chosen.status, QpStatus::Solved);
+        assert!((chosen.du - Vector3::repeat(moved)).amax() < 1e-9, "{}", chosen.du);
+    }
+}
