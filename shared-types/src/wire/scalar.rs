@@ -15,9 +15,11 @@ impl Value for f64 {
     ) -> Result<(), F::Error> {
         filler.f64s(field, values)
     }
+    #[inline]
     fn pack(&self, out: &mut [u8]) {
         out.copy_from_slice(&self.to_le_bytes());
     }
+    #[inline]
     fn unpack(from: &[u8]) -> Self {
         let mut bytes = [0; 8];
         bytes.copy_from_slice(from);
@@ -38,9 +40,11 @@ impl Value for u64 {
     ) -> Result<(), F::Error> {
         filler.u64s(field, values)
     }
+    #[inline]
     fn pack(&self, out: &mut [u8]) {
         out.copy_from_slice(&self.to_le_bytes());
     }
+    #[inline]
     fn unpack(from: &[u8]) -> Self {
         let mut bytes = [0; 8];
         bytes.copy_from_slice(from);
@@ -104,9 +108,11 @@ impl Value for u32 {
     ) -> Result<(), F::Error> {
         fill_widened(values, field, filler, narrow)
     }
+    #[inline]
     fn pack(&self, out: &mut [u8]) {
         out.copy_from_slice(&self.to_le_bytes());
     }
+    #[inline]
     fn unpack(from: &[u8]) -> Self {
         let mut bytes = [0; 4];
         bytes.copy_from_slice(from);
@@ -127,9 +133,11 @@ impl Value for bool {
     ) -> Result<(), F::Error> {
         fill_widened(values, field, filler, |wide| wide != 0)
     }
+    #[inline]
     fn pack(&self, out: &mut [u8]) {
         out[0] = u8::from(*self);
     }
+    #[inline]
     fn unpack(from: &[u8]) -> Self {
         from[0] != 0
     }
@@ -148,9 +156,11 @@ impl Value for u8 {
     ) -> Result<(), F::Error> {
         filler.bytes(field, values)
     }
+    #[inline]
     fn pack(&self, out: &mut [u8]) {
         out[0] = *self;
     }
+    #[inline]
     fn unpack(from: &[u8]) -> Self {
         from[0]
     }
@@ -180,9 +190,11 @@ impl Value for i8 {
         }
         Ok(())
     }
+    #[inline]
     fn pack(&self, out: &mut [u8]) {
         out[0] = self.cast_unsigned();
     }
+    #[inline]
     fn unpack(from: &[u8]) -> Self {
         from[0].cast_signed()
     }

@@ -270,6 +270,17 @@ impl Graph {
         t_ns < self.open_until_ns(node, marks, allowed_ns)
     }
 
+    /// The roles whose marks do not permit `node`'s step at `t_ns`.
+    #[must_use]
+    pub fn held_by(&self, node: &Node, t_ns: u64, marks: &impl MarkView) -> Roles {
+        let holds = |e: &&Edge| e.to == node.role && !e.permits(t_ns, marks.of(e));
+        let mut roles: Roles = self.edges.iter().filter(holds).map(|e| e.from).collect();
+        if t_ns > marks.of_role(Role::Plant).saturating_add(node.lead_ns) && node.lead_ns > 0 {
+            roles.insert(Role::Plant);
+        }
+        roles
+    }
+
     /// End of the interval that `node` may run now: every release before it is permitted \[ns\].
     #[must_use]
     pub fn open_until_ns(&self, node: &Node, marks: &impl MarkView, allowed_ns: u64) -> u64 {

@@ -24,13 +24,19 @@ impl Process<'_> {
                 self.announce(before_ns, u64::MAX);
                 return Ending::Retired;
             }
-            // Marks first, samples second: what a mark promises is then certainly here.
-            self.read_marks(&mut moved);
-            self.executor.component.parts().receive_if_moved(moved);
-            moved = Roles::default();
             let allowed_ns = clock.allowed_ns.min(clock.end_ns).min(self.leave_ns);
-            let node = self.executor.node();
-            let open_until_ns = self.graph.open_until_ns(node, &self.marks, allowed_ns);
+            let node = *self.executor.node();
+            // What is known of a mark holds until it moves, so a wait looks at those alone that hold the step back.
+            let held_by = self.graph.held_by(&node, before_ns, &self.marks);
+            self.read_marks(held_by, &mut moved);
+            let mut open_until_ns = before_ns;
+            if self.graph.runnable(&node, before_ns, &self.marks, allowed_ns) {
+                // Marks first, samples second: what a mark promises is then certainly here.
+                self.read_marks(Roles::ALL, &mut moved);
+                self.executor.component.parts().receive_if_moved(moved);
+                moved = Roles::default();
+                open_until_ns = self.graph.open_until_ns(&node, &self.marks, allowed_ns);
+            }
             while self.executor.mark_ns() < open_until_ns {
                 self.executor.run_step(StepStamps::at_once(mono_now_ns));
             }

@@ -20,7 +20,7 @@ impl Process<'_> {
         let hurry = &mut Hurry { graph: &self.graph, wall };
         let Ok(()) = self.executor.component.visit_outputs(hurry);
         // Connections take a millisecond: they are made in the countdown, not in the first step.
-        self.read_marks(&mut Roles::default());
+        self.read_marks(Roles::ALL, &mut Roles::default());
         self.executor.component.receive();
         loop {
             let mut ending = None;
@@ -128,7 +128,7 @@ impl Process<'_> {
     /// True once each input that the next release waits for is final or past its deadline; false
     /// after a wait: look around and try again.
     fn inputs_decided(&mut self, wall: &WallMap) -> bool {
-        self.read_marks(&mut Roles::default());
+        self.read_marks(Roles::ALL, &mut Roles::default());
         self.executor.component.receive();
         let t_ns = self.executor.mark_ns();
         let lead_ns = self.executor.node().lead_ns;

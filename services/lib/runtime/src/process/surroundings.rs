@@ -109,11 +109,12 @@ impl Process<'_> {
         }
     }
 
-    /// Reads the marks and adds the roles that have moved theirs.
-    pub(super) fn read_marks(&mut self, moved: &mut Roles) {
+    /// Reads the marks of these roles and adds those that have moved theirs.
+    pub(super) fn read_marks(&mut self, of: Roles, moved: &mut Roles) {
         for neighbour in &mut self.neighbours {
             let Seat { role, index } = neighbour.seat;
             if let Some(progress) = &mut neighbour.progress
+                && of.contains(role)
                 && self.marks.concerns(role, index)
             {
                 // A restarted producer starts again below what its predecessor finished, and the
