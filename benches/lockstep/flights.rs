@@ -14,6 +14,11 @@ use tempfile::TempDir;
 /// The scenario of every flight.
 const SCENARIO: &str = "figure8-morph";
 
+/// All processes on one core, as a flight chooses by itself.
+pub(crate) const PINNED: &str = "--pin=auto";
+/// All loops in one thread.
+const IN_PROCESS: &str = "--in-process";
+
 /// A plan as a scenario of so many seconds.
 pub(crate) fn scenario(plan: Plan, seconds: u64) -> Result<Scenario> {
     let mut overrides = vec![Override::set(&format!("scenario.duration_s={seconds}"))?];
@@ -26,6 +31,10 @@ pub(crate) fn scenario(plan: Plan, seconds: u64) -> Result<Scenario> {
 /// What the machine counted for the processes of some flights.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Usage {
+    /// From the start of the executable to its end [s].
+    pub(crate) wall_s: f64,
+    /// Size of the recording.
+    pub(crate) recorded_bytes: f64,
     /// Processor time of all processes [s].
     pub(crate) cpu_s: f64,
     /// Times that a process went to sleep.
@@ -43,18 +52,22 @@ impl Usage {
             cpu_s: seconds(usage.user_time()) + seconds(usage.system_time()),
             sleeps: usage.voluntary_context_switches() as f64,
             displaced: usage.involuntary_context_switches() as f64,
+            ..Self::default()
         })
     }
 }
 
-/// One way to fly, and how fast it is.
+/// One way to fly with the executable, and how fast it is.
 #[derive(Debug)]
 pub(crate) struct Flown {
     pub(crate) plan: Plan,
     pub(crate) records: bool,
-    pub(crate) pin: &'static str,
+    /// Where its loops are.
+    pub(crate) flag: &'static str,
     /// Logical seconds per wall second.
     pub(crate) factor: Rounds,
+    /// Bytes of its recording per logical second [MB].
+    pub(crate) recorded_mb: Rounds,
     /// Per logical millisecond, start of the processes left out.
     pub(crate) cpu_us: Rounds,
     pub(crate) sleeps: Rounds,
@@ -67,9 +80,19 @@ impl Flown {
         let mut all = Vec::new();
         for plan in Plan::ALL {
             for records in [true, false] {
-                for pin in ["auto", "none"] {
-                    let [factor, cpu_us, sleeps, displaced] = [const { Rounds(Vec::new()) }; 4];
-                    all.push(Self { plan, records, pin, factor, cpu_us, sleeps, displaced });
+                for flag in [PINNED, "--pin=none", IN_PROCESS] {
+                    let [factor, recorded_mb, cpu_us, sleeps, displaced] =
+                        [const { Rounds(Vec::new()) }; 5];
+                    all.push(Self {
+                        plan,
+                        records,
+                        flag,
+                        factor,
+                        recorded_mb,
+                        cpu_us,
+                        sleeps,
+                        displaced,
+                    });
                 }
             }
         }
@@ -77,39 +100,45 @@ impl Flown {
     }
 
     pub(crate) fn measure(&mut self, seconds: u64) -> Result<()> {
-        // A short flight costs the start of all processes and little else.
-        let (_, short) = self.fly("100ms")?;
-        let (factor, long) = self.fly(&format!("{seconds}s"))?;
-        let per_ms = |long: f64, short: f64| (long - short) / (seconds as f64 * 1e3 - 100.0);
-        self.factor.add(factor);
+        // A short flight costs the start of all processes, the end of the recording and little else.
+        let short = self.fly("100ms")?;
+        let long = self.fly(&format!("{seconds}s"))?;
+        let flown_ms = seconds as f64 * 1e3 - 100.0;
+        let per_ms = |long: f64, short: f64| (long - short) / flown_ms;
+        self.factor.add(flown_ms * 1e-3 / (long.wall_s - short.wall_s));
+        if self.records {
+            self.recorded_mb.add(1e-3 * per_ms(long.recorded_bytes, short.recorded_bytes));
+        }
         self.cpu_us.add(1e6 * per_ms(long.cpu_s, short.cpu_s));
         self.sleeps.add(per_ms(long.sleeps, short.sleeps));
         self.displaced.add(per_ms(long.displaced, short.displaced));
         Ok(())
     }
 
-    fn fly(&self, duration: &str) -> Result<(f64, Usage)> {
+    fn fly(&self, duration: &str) -> Result<Usage> {
         let folder = TempDir::new()?;
         let before = Usage::of_children()?;
+        let start_ns = mono_now_ns();
         let output = self.command(duration, folder.path()).output()?;
+        let wall_s = mono_now_ns().saturating_sub(start_ns) as f64 * 1e-9;
         let after = Usage::of_children()?;
-        let summary: serde_json::Value =
-            serde_json::from_slice(&output.stdout).map_err(|error| {
-                format!("no summary ({error}): {}", String::from_utf8_lossy(&output.stderr))
-            })?;
-        let factor = summary["real_time_factor"].as_f64().ok_or("a summary without a factor")?;
-        let usage = Usage {
+        if !output.status.success() {
+            return Err(String::from_utf8_lossy(&output.stderr).into());
+        }
+        let files = std::fs::read_dir(folder.path())?;
+        let sizes = files.map(|file| Ok(file?.metadata()?.len()));
+        Ok(Usage {
+            wall_s,
+            recorded_bytes: sizes.sum::<std::io::Result<u64>>()? as f64,
             cpu_s: after.cpu_s - before.cpu_s,
             sleeps: after.sleeps - before.sleeps,
             displaced: after.displaced - before.displaced,
-        };
-        Ok((factor, usage))
+        })
     }
 
     fn command(&self, duration: &str, folder: &Path) -> Command {
         let mut command = morphquad();
-        command.args(["run", SCENARIO, "--for", duration, "--format", "json"]);
-        command.args(["--pin", self.pin]);
+        command.args(["run", SCENARIO, "--for", duration, "--format", "json", self.flag]);
         for (key, value) in self.plan.keys() {
             command.arg("--set").arg(format!("{key}={value}"));
         }

@@ -1,7 +1,7 @@
 //! The report: tables for people, the same figures for machines.
 
 use crate::budget::Budget;
-use crate::flights::{Flown, InProcess};
+use crate::flights::{Flown, InProcess, PINNED};
 use crate::floor::Floor;
 use crate::{Plan, Rounds};
 use core::fmt::{Error, Write as _};
@@ -33,7 +33,13 @@ fn floor_factor(flown: &Flown, floor: &Floor) -> f64 {
 impl Report {
     /// Flight from which a plan's switches are taken: one core, no recorder beside it.
     fn reference(&self, plan: Plan) -> Option<&Flown> {
-        self.flown.iter().find(|f| f.plan == plan && !f.records && f.pin == "auto")
+        self.flown.iter().find(|f| f.plan == plan && !f.records && f.flag == PINNED)
+    }
+
+    /// The same flight without a recorder.
+    fn without_recorder(&self, flown: &Flown) -> Option<&Flown> {
+        let is_same = |f: &&Flown| f.plan == flown.plan && f.flag == flown.flag && !f.records;
+        self.flown.iter().find(is_same)
     }
 
     fn hop_us(&self) -> f64 {
@@ -50,13 +56,21 @@ impl Report {
             let cores = if floor.cpus.len() == 1 { "one core" } else { "two cores" };
             writeln!(o, "  {:<22}{cores:<12}{hop}", floor.waking.name())?;
         }
-        writeln!(o, "\nflights of five processes, times real time: median (range)")?;
+        writeln!(o, "\nflights of the executable, times real time: median (range)")?;
         for f in &self.flown {
             let (name, how) = (f.plan.name(), recorder(f.records));
             let factor = with_range(&f.factor, 1);
-            writeln!(o, "  {name:<32}{how:<15}--pin {:<7}{factor}", f.pin)?;
+            write!(o, "  {name:<32}{how:<15}{:<14}{factor}", f.flag)?;
+            if f.records {
+                write!(o, ", {:.2} MB a second", f.recorded_mb.median())?;
+                if let Some(without) = self.without_recorder(f) {
+                    let share = f.factor.median() / without.factor.median();
+                    write!(o, ", {share:.2} of the speed without")?;
+                }
+            }
+            writeln!(o)?;
         }
-        writeln!(o, "\nflights in one process, no recording, times real time: median (range)")?;
+        writeln!(o, "\nloops in this thread, no recording, times real time: median (range)")?;
         for f in &self.in_process {
             let hash = if f.hashes { "with flight hash" } else { "" };
             writeln!(o, "  {:<32}{hash:<20}{}", f.plan.name(), with_range(&f.factor, 0))?;
@@ -119,8 +133,9 @@ impl Report {
         });
         let flown = self.flown.iter().map(|f| {
             json!({
-                "plan": f.plan.name(), "recording": f.records, "pin": f.pin,
-                "real_time_factor": rounds(&f.factor), "cpu_us_per_ms": rounds(&f.cpu_us),
+                "plan": f.plan.name(), "recording": f.records, "flag": f.flag,
+                "real_time_factor": rounds(&f.factor), "recorded_mb_per_s": rounds(&f.recorded_mb),
+                "cpu_us_per_ms": rounds(&f.cpu_us),
                 "sleeps_per_ms": rounds(&f.sleeps), "displaced_per_ms": rounds(&f.displaced),
             })
         });

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates whose version may change a flight's numbers or its recording.
-const CRATES: [&str; 7] = ["faer", "iceoryx2", "libm", "mcap", "nalgebra", "rand_chacha", "lz4"];
+const CRATES: [&str; 7] = ["faer", "iceoryx2", "libm", "mcap", "nalgebra", "rand_chacha", "zstd"];
 
 fn main() {
     let describe = ["describe", "--always", "--dirty", "--abbrev=12"];

@@ -4,7 +4,7 @@
 use flight::tap::Tap;
 use observe::{Metrics, Observer};
 use protocol::control::runs::note_measurement;
-use record::{Clock, Facts, Recording};
+use record::{Clock, Facts, Recorder};
 use runtime::clock::mono_now_ns;
 use runtime::ipc::{
     Bus, IpcSink, PortError, RECORDER_CAPACITY, STATE_DEPTH, ServiceKind, StatePublisher,
@@ -247,7 +247,7 @@ impl Burst {
         // In realtime no process waits for the recorder, but the recorder has a disk to fill.
         let facts = Facts { clock: Clock::Realtime { speed: 1.0 }, ..facts(id, &options) };
         let mut recording =
-            path.as_deref().map(|path| Recording::create(path, &facts)).transpose()?;
+            path.as_deref().map(|path| Recorder::create(path, &facts)).transpose()?;
         if let Some(recording) = &mut recording {
             recording.set_start(mono_now_ns());
         }

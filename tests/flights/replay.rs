@@ -250,7 +250,7 @@ fn a_changed_state_and_a_missing_sample_are_found_and_named() {
         &copy,
         |_, _| {},
         |topic, sequence, bytes| {
-            if topic == "/state/attitude" && sequence == 20 {
+            if topic == "/state/attitude" && sequence == 26 {
                 let last = bytes.len() - 1;
                 bytes[last] ^= 0x40;
             }

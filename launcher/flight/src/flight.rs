@@ -25,7 +25,7 @@ use host::realtime::may_lock_memory;
 use observe::stopwatch::Stopwatch;
 use protocol::control::protocol::{Done, Reply, Request};
 use protocol::topic::feed::Flying;
-use record::{Recording, Severity};
+use record::{Recorder, Severity};
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, LatestPort};
 use runtime::namespace::{Membership, sweep_dead_runs};
@@ -109,7 +109,7 @@ fn fly(
     let recording_path = options.recording_path(&id)?;
     let facts = facts(&id, options);
     let recording =
-        recording_path.as_deref().map(|path| Recording::create(path, &facts)).transpose()?;
+        recording_path.as_deref().map(|path| Recorder::create(path, &facts)).transpose()?;
     let unflown = Unflown::of(recording_path.as_deref());
     let scenario_file = membership.folder().join("scenario.toml");
     std::fs::write(&scenario_file, options.scenario.to_toml())

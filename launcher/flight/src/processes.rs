@@ -91,6 +91,10 @@ impl Posts for Processes<'_> {
         self.supervisor.send_order(sent);
     }
     fn tell_seating(&mut self, seating: &Seating, config: Option<&Path>) {
+        if seating.has_state.is_set() {
+            let from = Place { role: seating.role, index: seating.state_seat };
+            self.tap.keep_state_of(from, self.now_mono_ns);
+        }
         self.tap.sinks.tell_seating(seating, self.now_mono_ns);
         // What cannot be read any more, the process could not read either.
         if let Some(text) = config.and_then(|path| std::fs::read_to_string(path).ok()) {

@@ -4,7 +4,7 @@ use record::Stream;
 use runtime::clock::mono_now_ns;
 use runtime::ipc::{Bus, IpcSource, LatestPort, PortError, StateSubscriber, recorder_capacity};
 use runtime::{Graph, SeatMarks, Source as _, StateHeader};
-use shared_types::{Progress, Sample, Seat, Topic, TopicVisitor, topics};
+use shared_types::{Header, Progress, Sample, Seat, Topic, TopicVisitor, topics};
 use simulate::Sinks;
 
 /// One topic's reader with its type forgotten.
@@ -53,9 +53,7 @@ impl TopicVisitor for Opener<'_> {
 #[derive(Debug, Clone, Default)]
 struct LastState {
     bytes: Vec<u8>,
-    generation: u32,
-    /// Its release \[ns\] and sequence.
-    place: (u64, u64),
+    header: Header,
 }
 
 /// What is known of a seat.
@@ -117,8 +115,18 @@ impl Tap {
 
     /// Generation of the process that published it.
     pub(super) fn last_state_of(&self, seat: Seat) -> Option<(u32, &[u8])> {
-        let generation = self.seats.iter().find(|tap| tap.seat == seat)?.last_state.generation;
+        let last = &self.seats.iter().find(|tap| tap.seat == seat)?.last_state;
+        let generation = last.header.generation;
         self.last_state(seat).map(|state| (generation, state))
+    }
+
+    /// Has the last state from a seat recorded: another process goes on from it, or the one that published it has died,
+    /// and it tells how far that one has got.
+    pub(super) fn keep_state_of(&mut self, seat: Seat, now_mono_ns: u64) {
+        let tap = self.seats.iter().find(|tap| tap.seat == seat);
+        if let Some(last) = tap.map(|tap| &tap.last_state).filter(|last| !last.bytes.is_empty()) {
+            self.sinks.keep_state(seat.role, &last.header, &last.bytes, now_mono_ns);
+        }
     }
 
     /// Takes everything that has arrived; the number of samples.
@@ -136,12 +144,12 @@ impl Tap {
             let SeatTap { seat, states, last_state: last, .. } = tap;
             let sinks = &mut self.sinks;
             while states.receive(|header, bytes| {
-                let place = (header.release_ns, header.sequence);
-                if place <= last.place || !StateHeader::agrees_with(bytes, header) {
+                let place = |header: &Header| (header.release_ns, header.sequence);
+                let is_new = place(header) > place(&last.header);
+                if !is_new || !StateHeader::agrees_with(bytes, header) {
                     return;
                 }
-                last.place = place;
-                last.generation = header.generation;
+                last.header = *header;
                 last.bytes.clear();
                 last.bytes.extend_from_slice(bytes);
                 sinks.take_state(seat.role, header, bytes, now_mono_ns);

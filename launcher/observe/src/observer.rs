@@ -11,8 +11,14 @@ pub trait Observer: 'static {
     fn wants_states(&self) -> bool {
         false
     }
+    /// False if no observer wants the state with this header, which then is not packed.
+    fn wants_state(&self, _role: Role, _header: &Header) -> bool {
+        true
+    }
     /// Called once per published state, after the samples of its step.
     fn observe_state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
+    /// Called with a state that a process goes on from, or the last of one, which may have been published and not wanted.
+    fn keep_state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
     /// Called before a sample is published, and may change it: what a spoiled controller would have said.
     fn alter<T: Sample>(&mut self, _topic: &'static Topic<T>, _sample: &mut T) {}
     /// Called for what is told of the flight in words.
@@ -53,9 +59,17 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
     fn wants_states(&self) -> bool {
         self.0.wants_states() || self.1.wants_states()
     }
+    fn wants_state(&self, role: Role, header: &Header) -> bool {
+        (self.0.wants_states() && self.0.wants_state(role, header))
+            || (self.1.wants_states() && self.1.wants_state(role, header))
+    }
     fn observe_state(&mut self, role: Role, header: &Header, state: &[u8]) {
         self.0.observe_state(role, header, state);
         self.1.observe_state(role, header, state);
+    }
+    fn keep_state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        self.0.keep_state(role, header, state);
+        self.1.keep_state(role, header, state);
     }
     fn note(&mut self, logical_ns: u64, warning: bool, text: &str) {
         self.0.note(logical_ns, warning, text);

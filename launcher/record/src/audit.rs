@@ -4,9 +4,6 @@ use shared_types::Header;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Before the role, in the name of a channel of published states.
-pub const STATES: &str = "state/";
-
 /// Totals of one producer seat of one topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Tally {
@@ -101,11 +98,10 @@ impl SequenceAudit {
         })
     }
 
-    /// Samples under audit, states left out.
+    /// Samples under audit.
     #[must_use]
     pub fn samples(&self) -> u64 {
-        let of_topics = self.tallies().filter(|(channel, ..)| !channel.starts_with(STATES));
-        of_topics.map(|(.., tally)| tally.count).sum()
+        self.tallies().map(|(.., tally)| tally.count).sum()
     }
 
     /// Sequence numbers that never arrived: channel, and how many of all its seats.
@@ -128,7 +124,7 @@ impl SequenceAudit {
     }
 }
 
-/// Gaps in words: `3 of imu, 1 of state/plant`.
+/// Gaps in words: `3 of imu, 1 of truth`.
 #[must_use]
 pub fn name_gaps(gaps: &[(&str, u64)]) -> String {
     let told = gaps.iter().map(|(channel, count)| format!("{count} of {channel}"));

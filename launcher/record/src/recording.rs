@@ -21,7 +21,7 @@ use std::sync::{Arc, Once};
 
 /// Longest time that a killed recorder can lose; a power cut takes what the disk has not finished besides
 /// \[ns\].
-const FLUSH_EVERY_NS: u64 = 50_000_000;
+pub(super) const FLUSH_EVERY_NS: u64 = 50_000_000;
 
 /// An open recording. It never ends silently: [`Recording::finish`] completes the file and tells
 /// every error; dropped without it, the file stays what a killed recorder leaves, a readable
@@ -41,7 +41,8 @@ pub struct Recording {
     /// The same when everything was last handed to the system.
     flushed: (u64, u64),
     channels: BTreeMap<&'static str, Channel>,
-    states: BTreeMap<&'static str, Channel>,
+    /// By the label of the role.
+    state_ids: BTreeMap<&'static str, u16>,
     events_id: u16,
     scene: Scene,
     scene_ids: [u16; scene::CHANNELS.len()],
@@ -114,7 +115,7 @@ impl Recording {
             asked: (0, 0),
             flushed: (0, 0),
             channels: opened.channels,
-            states: opened.states,
+            state_ids: opened.state_ids,
             events_id: opened.events_id,
             scene: Scene::of(&facts.vehicle),
             scene_ids: opened.scene_ids,
@@ -151,7 +152,7 @@ impl Recording {
         }
         self.buffer.clear();
         encode(sample, &mut self.buffer);
-        self.put(channel, &header, receipt_mono_ns)?;
+        self.put(channel.id, &header, receipt_mono_ns)?;
         if self.writer.is_some() {
             self.show(sample, receipt_mono_ns)?;
         }
@@ -182,13 +183,10 @@ impl Recording {
         bytes: &[u8],
         receipt_mono_ns: u64,
     ) -> Result<(), RecordError> {
-        let Some(channel) = self.states.get(role.label()).copied() else { return Ok(()) };
-        if self.is_repeated(channel, header) {
-            return Ok(());
-        }
+        let Some(channel_id) = self.state_ids.get(role.label()).copied() else { return Ok(()) };
         self.buffer.clear();
         messages::encode_state(header, layout_hash, bytes, &mut self.buffer);
-        self.put(channel, header, receipt_mono_ns)
+        self.put(channel_id, header, receipt_mono_ns)
     }
 
     /// Records an event on `/events`.
@@ -227,12 +225,22 @@ impl Recording {
     /// As [`Recording::write`].
     pub fn flush_if_due(&mut self, now_mono_ns: u64) -> Result<(), RecordError> {
         let last_ns = *self.last_flush_ns.get_or_insert(now_mono_ns);
-        // A chunk without messages would be stamped 0.
-        let has_begun = self.asked.0 > 0;
-        if now_mono_ns.saturating_sub(last_ns) < FLUSH_EVERY_NS || !has_begun {
+        if now_mono_ns.saturating_sub(last_ns) < FLUSH_EVERY_NS {
             return Ok(());
         }
         self.last_flush_ns = Some(now_mono_ns);
+        self.flush()
+    }
+
+    /// Hands everything to the system, unless nothing has been written yet.
+    ///
+    /// # Errors
+    /// As [`Recording::write`].
+    pub(super) fn flush(&mut self) -> Result<(), RecordError> {
+        // A chunk without messages would be stamped 0.
+        if self.asked.0 == 0 {
+            return Ok(());
+        }
         let Some(writer) = &mut self.writer else { return Ok(()) };
         let request_sync = || self.disk_sync.as_ref().map_or(Ok(()), DiskSync::request);
         match writer.flush().and_then(|()| Ok(request_sync()?)) {
@@ -240,12 +248,6 @@ impl Recording {
             Err(cause) => return Err(self.fail(cause)),
         }
         Ok(())
-    }
-
-    /// The audit so far.
-    #[must_use]
-    pub fn audit(&self) -> &SequenceAudit {
-        &self.audit
     }
 
     /// Adds the metadata `summary` and `audit`, completes the file and hands back the audit.
@@ -277,13 +279,13 @@ impl Recording {
 
     fn put(
         &mut self,
-        channel: Channel,
+        channel_id: u16,
         header: &Header,
         receipt_mono_ns: u64,
     ) -> Result<(), RecordError> {
         self.asked.1 = self.asked.1.max(header.release_ns);
         let stamps = self.stamps(header, receipt_mono_ns);
-        self.put_stamped(channel.id, short(header.sequence), &stamps)
+        self.put_stamped(channel_id, short(header.sequence), &stamps)
     }
 
     /// Unix time of a logical instant \[ns\].

@@ -14,6 +14,7 @@ use record::read::{RecordedFlight, RecordedState};
 use runtime::{Graph, Layout};
 use scenario::services::Assignment;
 use shared_types::{Header, Role, Sample, Topic, TopicVisitor, topics};
+use std::collections::BTreeSet;
 
 /// Fields that depend on the machine and are reproduced all the same.
 const REPRODUCED: [&str; 1] = ["generation"];
@@ -219,10 +220,13 @@ impl Compare<'_> {
     fn states(&mut self, layout: &Layout) {
         let name = format!("state/{}", self.verdict.instance.role.label());
         let (recorded, replayed) = (&self.recorded.states, &self.replayed.states);
-        let header = |state: &RecordedState| state.header;
-        let both = (recorded.as_slice(), replayed.as_slice());
-        let lossy = self.recorded.has_gaps(&name);
-        self.pairs(both, (&name, lossy), header, LifeKey::of, |verdict, a, b| {
+        // A recording holds some of the states alone.
+        let places: BTreeSet<_> = recorded.iter().map(|state| place(&state.header)).collect();
+        let replayed: Vec<&RecordedState> =
+            replayed.iter().filter(|state| places.contains(&place(&state.header))).collect();
+        let recorded: Vec<&RecordedState> = recorded.iter().collect();
+        let header = |state: &&RecordedState| state.header;
+        self.pairs((&recorded, &replayed), (&name, false), header, LifeKey::of, |verdict, a, b| {
             verdict.states += 1;
             if a.bytes == b.bytes {
                 return;
@@ -300,6 +304,11 @@ impl Compare<'_> {
             known = known.max(last.unwrap_or(0));
         }
     }
+}
+
+/// A life and the number of what it has published.
+fn place(header: &Header) -> (LifeKey, u64) {
+    (LifeKey::of(header), header.sequence)
 }
 
 impl ServiceVerdict {

@@ -14,7 +14,7 @@ use crate::in_process::{
 use crate::setup::Pin;
 use host::stay_on;
 use observe::{FlightHash, Metrics, Observer};
-use record::{self, Facts, Recording};
+use record::{self, Facts, Recorder};
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::watch::StopFlags;
 use shared_types::{ClockMode, Role};
@@ -110,7 +110,7 @@ pub fn fly_alone<O: Observer + Default>(
 fn sinks(facts: &Facts, path: Option<&Path>, options: &RunOptions) -> Result<Sinks, RunError> {
     let graph = options.scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))?;
     let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
-    let recording = path.map(|path| Recording::create(path, facts)).transpose()?;
+    let recording = path.map(|path| Recorder::create(path, facts)).transpose()?;
     Ok(Sinks::new(&roles, Metrics::of(&options.scenario), recording))
 }
 

@@ -5,7 +5,7 @@ use observe::stopwatch::Stopwatch;
 use observe::{FlightHash, LogHash, Metrics, News, Observer};
 use protocol::topic::feed::{Ending, Feed};
 use record::read::seat_config;
-use record::{Event, Recording, STATES, SequenceAudit, SequenceCheck, Severity, Stream};
+use record::{Event, Keyframes, Recorder, SequenceAudit, SequenceCheck, Severity, Stream};
 use runtime::StateHeader;
 use shared_types::{Header, Role, Sample, Seat, Seating, Topic, TopicInfo, topics};
 use swap::SlotWatch;
@@ -28,7 +28,7 @@ pub struct Sinks {
     /// What is measured of it so far.
     pub metrics: Metrics,
     /// The recording, if there is one.
-    pub recording: Option<Recording>,
+    pub recording: Option<Recorder>,
     /// First error of the recording; the flight goes on without it.
     pub recording_error: Option<String>,
     /// What the slots want to know; none if no controllers command them by turns.
@@ -39,20 +39,18 @@ pub struct Sinks {
     pub feed: Option<Feed>,
     /// Topics of the flight, under audit.
     streams: Vec<(&'static TopicInfo, Stream)>,
-    /// Published states, under audit.
-    states: Vec<(Role, Stream)>,
+    /// Which states have been recorded.
+    keyframes: Keyframes,
 }
 
 impl Sinks {
     /// For a flight in which `roles` take part.
     #[must_use]
-    pub fn new(roles: &[Role], metrics: Metrics, recording: Option<Recording>) -> Self {
+    pub fn new(roles: &[Role], metrics: Metrics, recording: Option<Recorder>) -> Self {
         let mut audit = SequenceAudit::default();
         let flown = topics::all().into_iter().filter(|topic| is_flown(topic, roles));
         let streams = flown.map(|topic| (topic, audit.register(topic.name))).collect();
-        let state = |role: &Role| (*role, audit.register(format!("{STATES}{}", role.label())));
-        let states = roles.iter().map(state).collect();
-        Self { audit, metrics, recording, streams, states, ..Self::default() }
+        Self { audit, metrics, recording, streams, ..Self::default() }
     }
 
     /// Audit of a topic that belongs to the flight.
@@ -116,14 +114,28 @@ impl Sinks {
         }
     }
 
-    /// Takes a packed state.
+    /// True if a packed state is to be recorded.
+    #[must_use]
+    pub fn wants_state(&self, role: Role, header: &Header) -> bool {
+        self.recording.is_some() && self.keyframes.is_due(role, header)
+    }
+
+    /// Takes a packed state, if it is to be recorded.
     pub fn take_state(&mut self, role: Role, header: &Header, bytes: &[u8], receipt_mono_ns: u64) {
-        let Some(recording) = &mut self.recording else { return };
-        if let Some((_, stream)) = self.states.iter().find(|(known, _)| *known == role) {
-            self.audit.observe(*stream, header);
+        let deviations = StateHeader::of(bytes).map_or(0, |head| head.deviation_sequence);
+        if self.wants_state(role, header) || self.keyframes.is_behind(role, header, deviations) {
+            self.keep_state(role, header, bytes, receipt_mono_ns);
         }
-        let layout_hash = StateHeader::of(bytes).map_or(0, |head| head.layout_hash);
-        let written = recording.write_state(role, header, layout_hash, bytes, receipt_mono_ns);
+    }
+
+    /// Takes a packed state that a replay cannot do without: one that a process goes on from, or the last of one.
+    pub fn keep_state(&mut self, role: Role, header: &Header, bytes: &[u8], receipt_mono_ns: u64) {
+        let Some(recording) = &mut self.recording else { return };
+        let head = StateHeader::of(bytes).unwrap_or_default();
+        if !self.keyframes.note(role, header, head.deviation_sequence) {
+            return;
+        }
+        let written = recording.write_state(role, header, head.layout_hash, bytes, receipt_mono_ns);
         if let Err(error) = written {
             self.fail_recording(&error.to_string());
         }
@@ -189,8 +201,16 @@ impl Observer for Sinks {
         self.recording.is_some()
     }
 
+    fn wants_state(&self, role: Role, header: &Header) -> bool {
+        Self::wants_state(self, role, header)
+    }
+
     fn observe_state(&mut self, role: Role, header: &Header, state: &[u8]) {
         self.take_state(role, header, state, NO_RECEIPT_NS);
+    }
+
+    fn keep_state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        Self::keep_state(self, role, header, state, NO_RECEIPT_NS);
     }
 
     fn note(&mut self, logical_ns: u64, warning: bool, text: &str) {

@@ -9,7 +9,7 @@ use crate::pilot_thread::{self, Entry};
 use crate::supervisor::Supervisor;
 use protocol::control::SOCKET;
 use protocol::topic::feed::Flying;
-use record::{Continued, Facts, Recording};
+use record::{Continued, Facts, Recorder};
 use runtime::clock::{WallMap, mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, PortError, ServiceKind};
 use runtime::leader::{LeadError, Leader};
@@ -166,7 +166,7 @@ fn open_recording(
     options: &RunOptions,
     checkpoint: &Checkpoint,
     from_ns: u64,
-) -> Result<(Option<PathBuf>, Option<Recording>), RunError> {
+) -> Result<(Option<PathBuf>, Option<Recorder>), RunError> {
     let Some(folder) = options.record.as_deref() else { return Ok((None, None)) };
     let Of { run, recording: before, adoptions, epoch_unix_ns } = &checkpoint.of;
     let mut number = adoptions + 1;
@@ -184,7 +184,7 @@ fn open_recording(
     };
     let continues = Some(Continued { file, from_ns });
     let facts = Facts { epoch_unix_ns: *epoch_unix_ns, continues, ..facts(run, options) };
-    let mut recording = Recording::create(&path, &facts)?;
+    let mut recording = Recorder::create(&path, &facts)?;
     recording.set_start(checkpoint.clock.0.start_mono_ns);
     Ok((Some(path), Some(recording)))
 }
@@ -196,7 +196,7 @@ impl Flight {
         membership: &Membership,
         stop: StopFlags,
         checkpoint: &Checkpoint,
-        (path, recording): (Option<&Path>, Option<Recording>),
+        (path, recording): (Option<&Path>, Option<Recorder>),
     ) -> Result<Self, AdoptError> {
         let scenario = &options.scenario;
         let folder = membership.folder();

@@ -13,7 +13,7 @@ use crate::supervisor::{RestartPolicy, Supervisor};
 use crate::tap::Tap;
 use host::realtime::may_lock_memory;
 use observe::Metrics;
-use record::Recording;
+use record::Recorder;
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, LatestPort, ServiceKind};
@@ -46,7 +46,7 @@ pub(super) struct Prepared {
     pub(super) supervisor: Supervisor,
     pub(super) slots: Slots,
     pub(super) conductor: Conductor,
-    pub(super) recording: Option<Recording>,
+    pub(super) recording: Option<Recorder>,
     pub(super) live: Live,
     pub(super) stop: StopFlags,
 }
@@ -71,7 +71,7 @@ impl Flight {
         options: &RunOptions,
         membership: &Membership,
         stop: StopFlags,
-        recording: Option<Recording>,
+        recording: Option<Recorder>,
         (live, checkpoint_writer): (Live, CheckpointWriter),
     ) -> Result<Self, RunError> {
         let scenario = &options.scenario;

@@ -66,6 +66,7 @@ impl Supervisor {
         bus.sweep_dead_processes(&mut || {
             tap.drain(now_ns);
         });
+        tap.keep_state_of(post.seat, now_ns);
         let lost = |reason: String| {
             let (name, how, words) = (name.clone(), how.clone(), words.clone());
             FlightError::Lost { name, how, words, reason }

@@ -263,7 +263,8 @@ impl Copy {
                 let schema = self.schemas.get(&old.schema_id).copied().unwrap_or(0);
                 let (topic, about) = (&old.topic, &old.metadata);
                 let id = self.writer.add_channel(schema, topic, &old.message_encoding, about)?;
-                let has_header = about.contains_key("layout_hash") || topic.starts_with("/state/");
+                // A recording has some of the states alone.
+                let has_header = about.contains_key("layout_hash");
                 let known = self.channels.remove(&old.id).and_then(|channel| channel.stream);
                 let stream =
                     known.or_else(|| has_header.then(|| self.audit.register(topic.as_str())));

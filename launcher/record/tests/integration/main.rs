@@ -5,5 +5,6 @@
 mod fields;
 mod file;
 mod read;
+mod recorder;
 mod scene;
 mod trouble;

@@ -204,6 +204,8 @@ impl Director {
         let over = |l: &Loop| l.flies() && l.stepper.next_ns() >= l.leave_ns;
         let Some(at) = loops.iter().position(over) else { return false };
         let mut l = loops.remove(at);
+        // As it was published, without the totals of the end.
+        self.host.keep_state(&mut l);
         l.stepper.finish();
         self.host.reap(l, marks);
         true

@@ -20,6 +20,9 @@ struct StateTap {
 }
 
 impl StateSink for StateTap {
+    fn wants(&self, header: &Header) -> bool {
+        self.observer.wants_state(self.role, header)
+    }
     fn send(&mut self, header: &Header, state: &[u8]) {
         self.observer.observe_state(self.role, header, state);
     }

@@ -52,7 +52,9 @@ impl<T: Sample, O: Observer> SampleTap<T> for SharedObserver<O> {
 /// What it is shown besides.
 pub(super) trait ErasedObserver {
     fn wants_states(&self) -> bool;
+    fn wants_state(&self, role: Role, header: &Header) -> bool;
     fn observe_state(&self, role: Role, header: &Header, state: &[u8]);
+    fn keep_state(&self, role: Role, header: &Header, state: &[u8]);
     fn note(&self, logical_ns: u64, warning: bool, text: &str);
 }
 
@@ -61,9 +63,19 @@ impl<O: Observer> ErasedObserver for SharedObserver<O> {
         self.observer.borrow().wants_states()
     }
 
+    fn wants_state(&self, role: Role, header: &Header) -> bool {
+        !self.looks_away.get() && self.observer.borrow().wants_state(role, header)
+    }
+
     fn observe_state(&self, role: Role, header: &Header, state: &[u8]) {
         if !self.looks_away.get() {
             self.observer.borrow_mut().observe_state(role, header, state);
+        }
+    }
+
+    fn keep_state(&self, role: Role, header: &Header, state: &[u8]) {
+        if !self.looks_away.get() {
+            self.observer.borrow_mut().keep_state(role, header, state);
         }
     }
 

@@ -13,7 +13,7 @@ use runtime::{Graph, Node, StateHeader};
 use scenario::Scenario;
 use scenario::orders::Sent;
 use shared_types::time::ns_from_s;
-use shared_types::{Flag, Handover, OwnerRecord, Role, Seat as Place, Seating, topics};
+use shared_types::{Flag, Handover, Header, OwnerRecord, Role, Seat as Place, Seating, topics};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -172,10 +172,9 @@ impl InProcessHost {
             .map_err(|error| InProcessError::Outside { name: spec.name.clone(), error })
     }
 
-    /// A loop is gone, perhaps for a reason that is told: its last state stays, and no other waits for it.
+    /// A loop is gone, perhaps for a reason that is told: no other waits for it.
     pub(super) fn reap(&mut self, mut l: Loop, marks: &mut FlightMarks) {
         marks.seat(l.place, l.generation, false);
-        self.keep_state(&mut l);
         let exit_reason = l.stepper.take_failure().map(|report| {
             let text = report.to_string();
             self.exits.push(report);
@@ -184,12 +183,36 @@ impl InProcessHost {
         self.events.push(PostEvent::Gone { place: l.place, exit_reason });
     }
 
-    fn keep_state(&mut self, l: &mut Loop) {
-        if let Some(post) = self.posts.get_mut(&l.place)
-            && let Some(state) = l.stepper.state()
-        {
+    /// The last state of a loop stays when it is gone.
+    pub(super) fn keep_state(&mut self, l: &mut Loop) {
+        let Some(state) = l.stepper.state() else { return };
+        if let Some(post) = self.posts.get_mut(&l.place) {
             post.last_state = Some((l.generation, state));
         }
+    }
+
+    /// As [`keep_state`](Self::keep_state), of a loop that does not leave in order.
+    fn keep_last_state(&mut self, l: &mut Loop) {
+        self.keep_state(l);
+        if let Some((generation, state)) =
+            self.posts.get(&l.place).and_then(|post| post.last_state.as_ref())
+        {
+            self.show_state((l.place, *generation), state);
+        }
+    }
+
+    /// Shows the observer the last state of a process, or one that another goes on from.
+    fn show_state(&self, (place, generation): (Place, u32), state: &[u8]) {
+        let Some(head) = StateHeader::of(state) else { return };
+        let header = Header {
+            sequence: head.state_sequence,
+            release_ns: head.release_ns,
+            valid_ns: head.release_ns,
+            seat: place.index,
+            generation,
+            ..Header::default()
+        };
+        self.wires.observer().keep_state(place.role, &header, state);
     }
 
     /// Starts a process that has failed again, from its last state, if it commands or may have to: time
@@ -206,7 +229,7 @@ impl InProcessHost {
             .records
             .get(&place.role)
             .is_some_and(|record| record.owner == place.index || record.fallback == place.index);
-        self.keep_state(&mut l);
+        self.keep_last_state(&mut l);
         let mark_ns = l.stepper.next_ns();
         let Some(post) = self.posts.get_mut(&place).filter(|_| commands) else {
             return Ok(RestartOutcome::Gone(l));
@@ -332,7 +355,10 @@ impl Posts for Seats<'_> {
             let l = &mut self.loops[at];
             Some((l.generation, l.stepper.state()?))
         });
-        there.or_else(|| self.host.posts.get(&place)?.last_state.clone())
+        let (generation, state) =
+            there.or_else(|| self.host.posts.get(&place)?.last_state.clone())?;
+        self.host.show_state((place, generation), &state);
+        Some((generation, state))
     }
 
     fn kill(&mut self, place: Place) {
@@ -340,7 +366,8 @@ impl Posts for Seats<'_> {
             self.host.starting.remove(at);
             self.host.events.push(PostEvent::Gone { place, exit_reason: None });
         } else if let Some(at) = self.at(place) {
-            let l = self.loops.remove(at);
+            let mut l = self.loops.remove(at);
+            self.host.keep_last_state(&mut l);
             self.host.reap(l, self.marks);
         }
     }

@@ -23,6 +23,8 @@ struct Keyframe {
     header: Header,
     release_ns: u64,
     state: Vec<u8>,
+    /// A replay of the flight cannot do without it.
+    is_kept: bool,
 }
 
 impl core::fmt::Debug for Tape {
@@ -42,10 +44,16 @@ impl Observer for Tape {
         true
     }
     fn observe_state(&mut self, role: Role, header: &Header, state: &[u8]) {
-        let head = StateHeader::of(state);
-        if let (Some(head), Some(keyframes)) = (head, self.states.get_mut(role.index())) {
-            let (header, release_ns) = (*header, head.release_ns);
-            keyframes.push(Keyframe { header, release_ns, state: state.to_vec() });
+        self.add_state(role, header, state, false);
+    }
+    fn keep_state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        let published = self.states.get_mut(role.index()).and_then(|states| {
+            let number = |header: &Header| (header.seat, header.generation, header.sequence);
+            states.iter_mut().rev().find(|known| number(&known.header) == number(header))
+        });
+        match published {
+            Some(published) => published.is_kept = true,
+            None => self.add_state(role, header, state, true),
         }
     }
 }
@@ -59,11 +67,20 @@ impl RecordVisitor for Tape {
         true
     }
     fn state(&mut self, role: Role, header: &Header, state: &[u8]) {
-        self.observe_state(role, header, state);
+        // A recording has none that is not needed.
+        self.add_state(role, header, state, true);
     }
 }
 
 impl Tape {
+    fn add_state(&mut self, role: Role, header: &Header, state: &[u8], is_kept: bool) {
+        let head = StateHeader::of(state);
+        if let (Some(head), Some(keyframes)) = (head, self.states.get_mut(role.index())) {
+            let (header, release_ns) = (*header, head.release_ns);
+            keyframes.push(Keyframe { header, release_ns, state: state.to_vec(), is_kept });
+        }
+    }
+
     /// Samples of a topic.
     #[must_use]
     pub fn samples<T: Sample>(&self, topic: &'static Topic<T>) -> &[T] {
@@ -136,7 +153,11 @@ impl Tape {
         if observer.wants_states() {
             for (role, keyframes) in Role::STEPPING.into_iter().zip(&self.states) {
                 for keyframe in keyframes.iter().take_while(|k| k.release_ns < t_ns) {
-                    observer.observe_state(role, &keyframe.header, &keyframe.state);
+                    let Keyframe { header, state, .. } = keyframe;
+                    observer.observe_state(role, header, state);
+                    if keyframe.is_kept {
+                        observer.keep_state(role, header, state);
+                    }
                 }
             }
         }

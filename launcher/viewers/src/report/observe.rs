@@ -7,9 +7,9 @@ use observe::{
     ENDED, FLOWN_NS, Facts, FlightHash, LogHash, Metrics, kept_hash, read_end, told_end,
 };
 use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
-use record::{STATES, SequenceAudit, Stream, name_gaps};
+use record::{SequenceAudit, Stream, name_gaps};
 use serde_json::{Map, Value};
-use shared_types::{Header, Role, Sample, Topic, Truth, topics};
+use shared_types::{Sample, Topic, Truth, topics};
 use std::any::Any;
 use std::collections::BTreeMap;
 
@@ -34,7 +34,6 @@ struct Observer {
     hashes: (FlightHash, LogHash),
     audit: SequenceAudit,
     streams: BTreeMap<&'static str, Stream>,
-    states: BTreeMap<&'static str, Stream>,
     pursuits: Pursuits,
     /// Last instant of the vehicle \[ns\].
     until_ns: u64,
@@ -54,12 +53,6 @@ impl RecordVisitor for Observer {
             self.audit.observe(*stream, sample.header());
         }
     }
-
-    fn state(&mut self, role: Role, header: &Header, _state: &[u8]) {
-        if let Some(stream) = self.states.get(role.label()) {
-            self.audit.observe(*stream, header);
-        }
-    }
 }
 
 impl Observed {
@@ -71,13 +64,10 @@ impl Observed {
         let mut audit = SequenceAudit::default();
         let names = topics::all().into_iter().map(|info| info.name);
         let streams = names.map(|name| (name, audit.register(name))).collect();
-        let labels = Role::STEPPING.into_iter().map(Role::label);
-        let states = labels.map(|of| (of, audit.register(format!("{STATES}{of}")))).collect();
         let metrics = Metrics::of(flight.scenario());
         let hashes = (FlightHash::default(), LogHash::default());
         let pursuits = Pursuits::default();
-        let mut observer =
-            Observer { metrics, hashes, audit, streams, states, pursuits, until_ns: 0 };
+        let mut observer = Observer { metrics, hashes, audit, streams, pursuits, until_ns: 0 };
         let closing = flight.visit(&mut observer)?;
         let Observer { mut metrics, hashes, audit, pursuits, until_ns, .. } = observer;
         metrics.finish();

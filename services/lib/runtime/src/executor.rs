@@ -17,6 +17,10 @@ const LEFT_OUT_MAX: u64 = 1;
 
 /// Where packed states go.
 pub trait StateSink {
+    /// False for a state that no reader needs, which then is not packed.
+    fn wants(&self, _header: &Header) -> bool {
+        true
+    }
     /// Publishes a state; must not block.
     fn send(&mut self, header: &Header, state: &[u8]);
     /// Lets a reader that has just joined have the last state.
@@ -446,18 +450,18 @@ impl Executor {
     }
 
     fn publish_state(&mut self, header: &Header) {
-        if self.state_sink.is_none()
-            || !self.next_index.is_multiple_of(self.component.state_every())
-        {
+        if !self.next_index.is_multiple_of(self.component.state_every()) {
             return;
         }
-        let sequence = self.state_sequence + 1;
-        // Where it is not finite, the last one that a process can go on from stays the last one.
-        if self.packed_state(sequence).is_none() {
-            return;
-        }
-        self.state_sequence = sequence;
+        // Numbered whether it is sent or not: what a state says does not depend on its readers.
+        self.state_sequence += 1;
+        let sequence = self.state_sequence;
         let header = Header { sequence, valid_ns: header.release_ns, ..*header };
+        let is_wanted = self.state_sink.as_ref().is_some_and(|sink| sink.wants(&header));
+        // Where it is not finite, the last one that a process can go on from stays the last one.
+        if !is_wanted || self.packed_state(sequence).is_none() {
+            return;
+        }
         if let Some(sink) = &mut self.state_sink {
             sink.send(&header, &self.state);
         }

@@ -265,6 +265,30 @@ fn a_memory_that_is_not_finite_is_not_published() {
     assert_eq!(*bench.last.borrow(), last);
 }
 
+/// Takes every third state.
+struct Thin(Rc<RefCell<Vec<(u64, u64)>>>);
+
+impl StateSink for Thin {
+    fn wants(&self, header: &Header) -> bool {
+        header.sequence.is_multiple_of(3)
+    }
+    fn send(&mut self, header: &Header, state: &[u8]) {
+        let head = StateHeader::of(state).unwrap();
+        assert_eq!((head.state_sequence, head.release_ns), (header.sequence, header.release_ns));
+        self.0.borrow_mut().push((header.sequence, header.release_ns));
+    }
+    fn serve_late_joiners(&mut self) {}
+}
+
+#[test]
+fn states_that_no_reader_wants_are_numbered_and_not_sent() {
+    let mut bench = Bench::new(1000.0, 2);
+    let sent = Rc::default();
+    bench.executor.connect_state(Box::new(Thin(Rc::clone(&sent))));
+    (0..14).for_each(|_| bench.step());
+    assert_eq!(*sent.borrow(), [(3, 4_000_000), (6, 10_000_000)]);
+}
+
 #[test]
 fn loop_statistics_of_a_slow_loop_count_on_without_a_gap_after_a_restore() {
     let log = StatsLog::default();
