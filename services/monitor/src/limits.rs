@@ -50,18 +50,20 @@ impl Default for Limits {
     ///   vehicle does not fall because of a wrong heading.
     /// * `astray_rad`, `astray_s`: half of the tilt bound, for as long as three time constants of an
     ///   attitude loop that is far slower than any shipped one (6 rad/s).
-    /// * `swing_rate_rad_s`: half of the rate from which the actuation guard levels the vehicle by itself.
+    /// * `swing_rate_rad_s`: two thirds of the rate from which the actuation guard levels the vehicle by itself, a tenth more
+    ///   than the slowest shipped attitude loop swings with in gusts, with rotors and inertia that it does not know
+    ///   (`false_trips`).
     /// * `swing_tilt_rad`: half of the tilt bound.
     /// * `setpoint_tilt_rad`: 1.5 times the tilt bound.
     /// * `setpoint_thrust_weights`: a tenth of the weight beyond what any shipped position controller may ask for, 0.3 to
     ///   2 weights.
     /// * `clipped_s`: so that a trip is in effect before the half second that a verdict forgives.
     /// * `thrust_speed_m_s`: the speed after a free fall of a twentieth of a second.
-    /// * `excursion_m`: eight centimetres less than the half metre within which the vehicle is to stay of where it would
-    ///   have been (`swap_table patient` of the catalogue). Beside a failing controller in the other slot a fallback takes
-    ///   up to a tenth of a metre more than is predicted (`swap_table pairs`); but with 0.38 m two position controllers trip
-    ///   in gusts that they would bear (`false_trips`).
-    /// * `off_course_m`, `off_course_s`: five sevenths of `excursion_m`, for longer than the vehicle needs to cover that
+    /// * `excursion_m`: a tenth of a metre less than the half within which the vehicle is to stay of where it would have
+    ///   been (`swap_table patient` of the catalogue). Beside a failing controller in the other slot a fallback takes up to
+    ///   a tenth more than is predicted (`swap_table pairs`); but with 0.39 m a position controller trips in gusts that it
+    ///   would bear (`false_trips`).
+    /// * `off_course_m`, `off_course_s`: three quarters of `excursion_m`, for longer than the vehicle needs to cover that
     ///   distance.
     /// * `height_m`: the length of an arm, with the arms spread.
     fn default() -> Self {
@@ -71,13 +73,13 @@ impl Default for Limits {
             heading_rad: 2.0 * TILT_BOUND_RAD,
             astray_rad: 0.5 * TILT_BOUND_RAD,
             astray_s: 0.5,
-            swing_rate_rad_s: 2.0,
+            swing_rate_rad_s: 2.75,
             swing_tilt_rad: 0.5 * TILT_BOUND_RAD,
             setpoint_tilt_rad: 1.5 * TILT_BOUND_RAD,
             setpoint_thrust_weights: [0.2, 2.1],
             clipped_s: 0.45,
             thrust_speed_m_s: 0.5,
-            excursion_m: 0.42,
+            excursion_m: 0.4,
             off_course_m: 0.3,
             off_course_s: 1.0,
             height_m: 0.17,

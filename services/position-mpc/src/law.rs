@@ -74,6 +74,16 @@ pub struct Output {
 /// Distance from the reference \[m\] that another controller may leave and that is still driven away at once. What is beyond
 /// it fades over [`RETURN_S`] after the law has taken over, so that the set point does not jump.
 const NEAR_M: f64 = 0.01;
+/// Distance from which on less of it fades, to nothing at twice the distance \[m\]: no healthy controller leaves the vehicle
+/// so far away, and one that did not has to be braked at once.
+const FAR_M: f64 = 0.1;
+/// A vehicle that goes on beyond this distance \[m\] within [`LOST_S`] has been lost by another controller: until it is
+/// within [`FAR_M`] of its path again, the law tilts faster by [`HURRY`].
+const LOST_M: f64 = 1.5 * FAR_M;
+/// About the time in which the tilt is reversed \[s\].
+const LOST_S: f64 = 0.3;
+/// Factor of the bound on the tilt's rate while the vehicle is caught: while the tilt is reversed it goes most of its way on.
+const HURRY: f64 = 2.0;
 /// Time constant of the way back to the reference from where another controller left the vehicle \[s\].
 const RETURN_S: f64 = 0.5;
 
@@ -125,7 +135,7 @@ impl PositionLaw {
     /// One sample: measure, Δx, program, u(k) = u(k−1) + Δu(k), rotate by the heading.
     pub fn step(&mut self, input: &Input<'_>) -> Output {
         self.memory.counters.steps += 1;
-        self.follow_applied(input);
+        let is_another = self.follow_applied(input);
         if !is_finite(input) {
             return self.refuse();
         }
@@ -133,7 +143,8 @@ impl PositionLaw {
         let now = self.measured(&x);
         let points = input.reference_w_m;
         let last = points.last().copied().unwrap_or_else(|| self.hold(&x));
-        let beside = self.beside(&x, points.first().unwrap_or(&last));
+        let after = points.get(1).unwrap_or(&last);
+        let beside = self.beside(&x, [points.first().unwrap_or(&last), after], is_another);
         let (transports, fading) = (self.transports, &self.fading);
         // What a command of now can reach begins later by the periods that it is under way.
         let reference = |ahead: usize| {
@@ -168,6 +179,10 @@ impl PositionLaw {
         let mut limits = self.limits;
         limits.inputs.u_min.z *= lift;
         limits.inputs.u_max.z *= lift;
+        if self.memory.catches {
+            limits.inputs.du_max.x *= HURRY;
+            limits.inputs.du_max.y *= HURRY;
+        }
         limits
     }
 
@@ -186,8 +201,8 @@ impl PositionLaw {
         }
     }
 
-    /// Brings the inputs as applied and the thrust copy to this sample.
-    fn follow_applied(&mut self, input: &Input<'_>) {
+    /// Brings the inputs as applied and the thrust copy to this sample; true if another controller's set point is applied.
+    fn follow_applied(&mut self, input: &Input<'_>) -> bool {
         let memory = &mut self.memory;
         let foreign = input.applied.filter(|setpoint| {
             // The law's own command keeps its bits instead of being rotated there and back. One that is reported late is
@@ -207,6 +222,7 @@ impl PositionLaw {
             memory.thrust_n = latest.z;
             memory.inputs = [latest.into(); HISTORY];
         }
+        foreign.is_some()
     }
 
     /// Remembers that `latest` was commanded for this period, and what the thrust has become meanwhile.
@@ -260,13 +276,26 @@ impl PositionLaw {
         self.fading.len() - 1
     }
 
-    /// Where the path back to the reference, which is at `next` a sample later, is beside it \[m\].
-    fn beside(&mut self, x: &State, next: &Vector3<f64>) -> Vector3<f64> {
+    /// Where the path back to the reference, which is at `next` and `after` one and two samples later, is beside it \[m\].
+    fn beside(
+        &mut self,
+        x: &State,
+        [next, after]: [&Vector3<f64>; 2],
+        is_another: bool,
+    ) -> Vector3<f64> {
         let memory = &mut self.memory;
         let before = Vector3::from(memory.beside_w_m) * self.fading[1];
+        let away = part(x, 0) + part(x, 1) * self.config.period_s() - next;
+        let distance_m = away.norm();
+        let velocity = part(x, 1) - (after - next) / self.config.period_s();
+        memory.catches = if memory.tracks || is_another {
+            (away + velocity * LOST_S).norm() > LOST_M
+        } else {
+            memory.catches && distance_m > FAR_M
+        };
         let beside = if memory.tracks {
-            let away = part(x, 0) + part(x, 1) * self.config.period_s() - next;
-            away * (1.0 - NEAR_M / away.norm().max(NEAR_M))
+            let fading_m = (distance_m - NEAR_M).min(2.0 * FAR_M - distance_m).max(0.0);
+            away * (fading_m / distance_m.max(NEAR_M))
         } else {
             before
         };

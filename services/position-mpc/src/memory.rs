@@ -43,6 +43,8 @@ shared_types::memory! {
         pub setpoints: [[f64; 4]; HISTORY],
         /// Whether the next step follows another controller, see [`PositionLaw::track`](crate::PositionLaw::track).
         pub tracks: bool,
+        /// Whether another controller has lost the vehicle, which is still far from its path.
+        pub catches: bool,
         /// Where the path back to the reference is beside it at the last sample, see [`PositionLaw::track`](crate::PositionLaw::track) \[m\].
         pub beside_w_m: [f64; 3],
         /// Position \[m\] to hold when the reference ends.
@@ -67,6 +69,7 @@ impl Memory {
             heading_rad: 0.0,
             setpoints: [[0.0, 0.0, 0.0, weight_n]; HISTORY],
             tracks: false,
+            catches: false,
             beside_w_m: [0.0; 3],
             hold_w_m: [0.0; 3],
             working_set: [0; ROW_CAPACITY / 32],

@@ -181,14 +181,22 @@ fn a_shadow_of_another_kind_starts_from_the_setpoint_in_effect_at_its_heading() 
 #[test]
 fn after_many_samples_left_out_nothing_of_before_is_under_way() {
     let config = PositionLawConfig { tilt_delay_s: 0.07, ..PositionLawConfig::default() };
-    let level = |k: u32| Input { gamma_rad: Vector3::zeros(), applied: None, ..input(k, &[]) };
+    // Near enough that the vehicle has not been lost by the other controller.
+    let velocity_w_m_s = Vector3::repeat(0.02);
+    let level = |k: u32| Input {
+        position_w_m: Vector3::repeat(0.001 * f64::from(k)),
+        velocity_w_m_s,
+        gamma_rad: Vector3::zeros(),
+        applied: None,
+        ..input(k, &[])
+    };
     let mut flown = law(&config);
     let mut held = Setpoint { gamma_rad: Vector3::zeros(), thrust_n: 1.0 };
     for k in 0..10 {
         held = flown.step(&level(k)).setpoint;
     }
     flown.leave_out(20);
-    let ahead = [Vector3::repeat(0.1)];
+    let ahead = [Vector3::repeat(0.05)];
     let command = |law: &mut PositionLaw, applied| {
         law.step(&Input { reference_w_m: &ahead, applied, ..level(30) }).command
     };

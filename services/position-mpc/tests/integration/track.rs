@@ -91,6 +91,33 @@ fn a_vehicle_that_another_controller_left_beside_its_path_is_brought_back_gently
 }
 
 #[test]
+fn a_vehicle_that_is_far_from_its_path_is_brought_back_at_once() {
+    let vehicle = VehicleParameters::default();
+    let level = Setpoint { gamma_rad: Vector3::zeros(), thrust_n: vehicle.weight_n() };
+    for (distance_m, fading_m) in [(0.08, 0.07), (0.15, 0.05), (0.2, 0.0), (0.4, 0.0)] {
+        let far = Input {
+            position_w_m: Vector3::new(0.0, distance_m, 0.0),
+            velocity_w_m_s: Vector3::zeros(),
+            gamma_rad: Vector3::zeros(),
+            age_s: 0.0,
+            reference_w_m: &[Vector3::zeros()],
+            reference_yaw_rad: 0.0,
+            applied: Some(level),
+        };
+        let mut law = PositionLaw::new(PositionLawConfig::default(), &vehicle).unwrap();
+        law.track(&level, 0);
+        let roll_rad = law.step(&far).setpoint.gamma_rad.x;
+        // The bound of 2.8 rad/s, or twice that.
+        let is_caught = distance_m > 0.15;
+        let bound_rad = if is_caught { 0.112 } else { 0.056 };
+        assert!(roll_rad <= bound_rad, "{distance_m} m: {roll_rad} rad");
+        assert_eq!(roll_rad > 0.1, is_caught, "{distance_m} m: {roll_rad} rad");
+        let beside = Vector3::from(law.memory().beside_w_m);
+        assert!((beside - Vector3::y() * fading_m).amax() < 1e-12, "{distance_m} m: {beside}");
+    }
+}
+
+#[test]
 fn a_fresh_law_that_tracks_a_flying_one_commands_the_same_one_step_ahead() {
     for rates in [(50.0, 100.0), (50.0, 500.0), (100.0, 100.0), (200.0, 200.0)] {
         for late in [0, 1, 3] {
