@@ -67,7 +67,8 @@ macro_rules! record_everything {
                 let header = Header { sequence, release_ns: receipt_mono_ns, ..Header::default() };
                 let truth = Truth { header, ..Truth::default() };
                 recording.write(&topics::TRUTH, &truth, receipt_mono_ns)?;
-                let state = vec![sequence.to_le_bytes()[0]; 1000 + sequence as usize % 7];
+                let byte = sequence.to_le_bytes()[0];
+                let state = vec![byte; 1000 + usize::from(byte % 7)];
                 recording.write_state(Role::Plant, &header, 7, &state, receipt_mono_ns)?;
             }
             if sequence % 1000 == 0 {

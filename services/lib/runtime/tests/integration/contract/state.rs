@@ -273,7 +273,7 @@ impl StateSink for Thin {
         header.sequence.is_multiple_of(3)
     }
     fn send(&mut self, header: &Header, state: &[u8]) {
-        let head = StateHeader::of(state).unwrap();
+        let head = StateHeader::of(state).expect("a state begins with its header");
         assert_eq!((head.state_sequence, head.release_ns), (header.sequence, header.release_ns));
         self.0.borrow_mut().push((header.sequence, header.release_ns));
     }
