@@ -4,7 +4,6 @@
 //! writer's. A few batches go back and forth, so that memory is bounded and nothing is allocated once they have grown:
 //! where the writer cannot keep up, the next batch is waited for and nothing is lost.
 
-use super::recording::FLUSH_EVERY_NS;
 use super::{Event, Facts, RecordError, Recording, Severity};
 use shared_types::topics::Topic;
 use shared_types::{Header, Role, Sample};
@@ -15,6 +14,9 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::{Builder, JoinHandle};
 
+/// Longest time that a killed recorder can lose, besides what is in its batches; a power cut takes what the disk has not
+/// finished as well \[ns\].
+const FLUSH_EVERY_NS: u64 = 50_000_000;
 /// Batches that go back and forth.
 const BATCHES: usize = 4;
 /// Bytes of samples and states after which a batch is handed over.
@@ -142,7 +144,8 @@ impl Recorder {
         self.hand_over_if_full()
     }
 
-    /// As [`Recording::flush_if_due`]: what has been taken so far is on its way to the system.
+    /// As [`Recording::flush`] of what has been taken so far, if 50 ms have passed since it was last done, so that a killed
+    /// recorder loses little more than that. Call it whenever the recorder has drained.
     ///
     /// # Errors
     /// As [`write`](Self::write).

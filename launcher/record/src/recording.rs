@@ -19,10 +19,6 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Once};
 
-/// Longest time that a killed recorder can lose; a power cut takes what the disk has not finished besides
-/// \[ns\].
-pub(super) const FLUSH_EVERY_NS: u64 = 50_000_000;
-
 /// An open recording. It never ends silently: [`Recording::finish`] completes the file and tells
 /// every error; dropped without it, the file stays what a killed recorder leaves, a readable
 /// prefix that no reader takes for complete.
@@ -50,7 +46,6 @@ pub struct Recording {
     clock: Clock,
     epoch_unix_ns: u64,
     start_mono_ns: u64,
-    last_flush_ns: Option<u64>,
     buffer: Vec<u8>,
 }
 
@@ -123,7 +118,6 @@ impl Recording {
             clock: facts.clock,
             epoch_unix_ns: facts.epoch_unix_ns,
             start_mono_ns: 0,
-            last_flush_ns: None,
             buffer: Vec::with_capacity(64 * 1024),
         })
     }
@@ -217,26 +211,11 @@ impl Recording {
         writer.attach(&attachment).map_err(|cause| self.fail(cause))
     }
 
-    /// Hands everything to the system if 50 ms have passed since it was last done, so that a killed
-    /// recorder loses no more than that; in realtime it is then put on the disk as well. Call it
-    /// whenever the recorder has drained.
+    /// Hands everything to the system, unless nothing has been written yet; in realtime it is then put on the disk as well.
     ///
     /// # Errors
     /// As [`Recording::write`].
-    pub fn flush_if_due(&mut self, now_mono_ns: u64) -> Result<(), RecordError> {
-        let last_ns = *self.last_flush_ns.get_or_insert(now_mono_ns);
-        if now_mono_ns.saturating_sub(last_ns) < FLUSH_EVERY_NS {
-            return Ok(());
-        }
-        self.last_flush_ns = Some(now_mono_ns);
-        self.flush()
-    }
-
-    /// Hands everything to the system, unless nothing has been written yet.
-    ///
-    /// # Errors
-    /// As [`Recording::write`].
-    pub(super) fn flush(&mut self) -> Result<(), RecordError> {
+    pub fn flush(&mut self) -> Result<(), RecordError> {
         // A chunk without messages would be stamped 0.
         if self.asked.0 == 0 {
             return Ok(());

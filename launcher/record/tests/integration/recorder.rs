@@ -57,7 +57,7 @@ fn read(content: &Mutex<Vec<u8>>) -> Vec<u8> {
 
 /// Both have the same methods.
 macro_rules! record_everything {
-    ($recording:expr) => {{
+    ($recording:expr, $flush:expr) => {{
         let mut recording = $recording;
         recording.set_start(1_000_000);
         for sequence in 1..=20_000_u64 {
@@ -77,7 +77,7 @@ macro_rules! record_everything {
                 recording.write_event(&Event { logical_ns, severity, source, text: "gust" })?;
                 recording.attach_scenario(&format!("{sequence}.toml"), "seed = 7\n")?;
             }
-            recording.flush_if_due(receipt_mono_ns)?;
+            $flush(&mut recording, sequence)?;
         }
         recording.finish(&BTreeMap::from([("verdict".to_owned(), "ok".to_owned())]))?;
     }};
@@ -86,9 +86,14 @@ macro_rules! record_everything {
 #[test]
 fn a_thread_of_its_own_writes_the_same_file() -> Result<(), RecordError> {
     let (recording, here) = over(Disk::default());
-    record_everything!(recording);
+    // Every 50 ms, as the recorder does by itself.
+    record_everything!(recording, |recording: &mut Recording, sequence: u64| {
+        if sequence > 1 && sequence % 50 == 1 { recording.flush() } else { Ok(()) }
+    });
     let (recorder, there) = recorder_over(Disk::default());
-    record_everything!(recorder);
+    record_everything!(recorder, |recorder: &mut Recorder, sequence: u64| {
+        recorder.flush_if_due(sequence * 1_000_000)
+    });
     let (here, there) = (read(&here), read(&there));
     assert!(here.len() > 1_000_000, "{}", here.len());
     assert!(here == there, "{} and {} bytes", here.len(), there.len());
