@@ -1,5 +1,5 @@
 //! Gets what has been written onto the disk, so that it survives a power cut, from a thread of its own: a
-//! disk takes its time, and who drains the flight has none.
+//! disk takes its time, for which the writer's batches have no room.
 
 use std::io::{self, ErrorKind};
 use std::sync::mpsc::{SyncSender, sync_channel};

@@ -9,6 +9,7 @@ use crate::cone::Cone;
 use crate::config::{ConfigError, PositionLawConfig};
 use crate::memory::Memory;
 use crate::model;
+use crate::takeover::Takeover;
 use crate::thrust_vector::{angles_at, input_of, lift};
 use crate::transport::{HISTORY, Transport};
 
@@ -71,22 +72,6 @@ pub struct Output {
     pub yielded: u32,
 }
 
-/// Distance from the reference \[m\] that another controller may leave and that is still driven away at once. What is beyond
-/// it fades over [`RETURN_S`] after the law has taken over, so that the set point does not jump.
-const NEAR_M: f64 = 0.01;
-/// Distance from which on less of it fades, to nothing at twice the distance \[m\]: no healthy controller leaves the vehicle
-/// so far away, and one that did not has to be braked at once.
-const FAR_M: f64 = 0.1;
-/// A vehicle that goes on beyond this distance \[m\] within [`LOST_S`] has been lost by another controller: until it is
-/// within [`FAR_M`] of its path again, the law tilts faster by [`HURRY`].
-const LOST_M: f64 = 1.5 * FAR_M;
-/// About the time in which the tilt is reversed \[s\].
-const LOST_S: f64 = 0.3;
-/// Factor of the bound on the tilt's rate while the vehicle is caught: while the tilt is reversed it goes most of its way on.
-const HURRY: f64 = 2.0;
-/// Time constant of the way back to the reference from where another controller left the vehicle \[s\].
-const RETURN_S: f64 = 0.5;
-
 /// x = \[p, v, (θ₀, φ₀, T₀) as achieved, u(k−1)\].
 type State = SVector<f64, 12>;
 
@@ -99,8 +84,7 @@ pub struct PositionLaw {
     limits: Limits<'static, 3>,
     cone: Cone,
     engine: IncrementalMpc<3>,
-    /// What is left of the way back after each sample ahead.
-    fading: Vec<f64>,
+    takeover: Takeover,
     memory: Memory,
 }
 
@@ -118,11 +102,9 @@ impl PositionLaw {
         let drag_per_s = vehicle.drag_n_s_m / vehicle.mass_kg;
         let transports = model::transports(&config, drag_per_s);
         let late = transports.iter().map(|transport| transport.periods).max().unwrap_or(0);
-        let ahead = 0..=config.horizon.prediction + late;
-        let left = |j: usize| libm::exp(-(j as f64) * config.period_s() / RETURN_S);
         Ok(Self {
             config,
-            fading: ahead.map(left).collect(),
+            takeover: Takeover::new(config.horizon.prediction + late, config.period_s()),
             transports,
             operating: model::operating(&config, vehicle),
             limits: model::limits(&config, vehicle),
@@ -143,14 +125,17 @@ impl PositionLaw {
         let now = self.measured(&x);
         let points = input.reference_w_m;
         let last = points.last().copied().unwrap_or_else(|| self.hold(&x));
-        let after = points.get(1).unwrap_or(&last);
-        let beside = self.beside(&x, [points.first().unwrap_or(&last), after], is_another);
-        let (transports, fading) = (self.transports, &self.fading);
+        let [next, after] = [0, 1].map(|i| points.get(i).unwrap_or(&last));
+        let period_s = self.config.period_s();
+        let away = part(&x, 0) + part(&x, 1) * period_s - next;
+        let velocity = part(&x, 1) - (after - next) / period_s;
+        let beside = self.takeover.beside(&mut self.memory, away, velocity, is_another);
+        let (transports, left) = (self.transports, self.takeover.left());
         // What a command of now can reach begins later by the periods that it is under way.
         let reference = |ahead: usize| {
             Vector3::from_fn(|i, _| {
                 let j = ahead + transports[i].periods;
-                points.get(j - 1).unwrap_or(&last)[i] + fading[j] * beside[i]
+                points.get(j - 1).unwrap_or(&last)[i] + left[j] * beside[i]
             })
         };
         let [phi, theta, ..] = self.memory.setpoints[0];
@@ -174,15 +159,14 @@ impl PositionLaw {
         self.output(&chosen, setpoint)
     }
 
-    /// The limits where so much of the thrust carries.
+    /// The limits where so much of the thrust carries, with what a vehicle that is caught needs.
     fn limits_at(&self, lift: f64) -> Limits<'static, 3> {
         let mut limits = self.limits;
         limits.inputs.u_min.z *= lift;
         limits.inputs.u_max.z *= lift;
-        if self.memory.catches {
-            limits.inputs.du_max.x *= HURRY;
-            limits.inputs.du_max.y *= HURRY;
-        }
+        let rate = Takeover::tilt_rate(&self.memory);
+        limits.inputs.du_max.x *= rate;
+        limits.inputs.du_max.y *= rate;
         limits
     }
 
@@ -243,8 +227,8 @@ impl PositionLaw {
     /// An attitude loop that is no faster than this one, or hears of a set point late, still reports
     /// u(k−1−`late`). It is carried on by the increments that this law chose since.
     ///
-    /// Where the other one leaves the vehicle beside the reference, the law returns to it along a path that fades with a
-    /// time constant of half a second, so that neither set point nor vehicle jumps when it takes over.
+    /// Where the other one leaves the vehicle up to 0.2 m beside the reference, the law returns to it along a path that
+    /// fades with a time constant of half a second, so that neither set point nor vehicle jumps when it takes over.
     pub fn track(&mut self, applied: &Setpoint, late: usize) {
         self.memory.tracks = true;
         let gamma = &applied.gamma_rad;
@@ -273,35 +257,7 @@ impl PositionLaw {
     /// Points of the reference that a step uses: Np, and those of the periods that a set point is under way.
     #[must_use]
     pub fn look_ahead(&self) -> usize {
-        self.fading.len() - 1
-    }
-
-    /// Where the path back to the reference, which is at `next` and `after` one and two samples later, is beside it \[m\].
-    fn beside(
-        &mut self,
-        x: &State,
-        [next, after]: [&Vector3<f64>; 2],
-        is_another: bool,
-    ) -> Vector3<f64> {
-        let memory = &mut self.memory;
-        let before = Vector3::from(memory.beside_w_m) * self.fading[1];
-        let away = part(x, 0) + part(x, 1) * self.config.period_s() - next;
-        let distance_m = away.norm();
-        let velocity = part(x, 1) - (after - next) / self.config.period_s();
-        memory.catches = if memory.tracks || is_another {
-            (away + velocity * LOST_S).norm() > LOST_M
-        } else {
-            memory.catches && distance_m > FAR_M
-        };
-        let beside = if memory.tracks {
-            let fading_m = (distance_m - NEAR_M).min(2.0 * FAR_M - distance_m).max(0.0);
-            away * (fading_m / distance_m.max(NEAR_M))
-        } else {
-            before
-        };
-        memory.tracks = false;
-        memory.beside_w_m = beside.into();
-        beside
+        self.takeover.look_ahead()
     }
 
     fn state(&self, input: &Input<'_>) -> State {

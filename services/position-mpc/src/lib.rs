@@ -14,6 +14,7 @@ mod law;
 mod memory;
 mod model;
 pub mod settings;
+mod takeover;
 mod thrust_vector;
 mod transport;
 

@@ -72,7 +72,7 @@ pub struct Settings {
     /// Bound on the tilt \[rad\]; 0.35 if left out.
     #[garde(range(min = 0.01, max = 0.8))]
     pub tilt_max_rad: Option<f64>,
-    /// Bound on their change in one sample \[rad\]; 2.8 rad/s if left out.
+    /// Bound on their change in one sample \[rad\]; 2.8 rad/s if left out, twice that while a vehicle is caught that another controller has lost.
     #[garde(range(min = 1e-3, max = 1.6))]
     pub tilt_step_max_rad: Option<f64>,
     /// Least thrust over weight; 0.3 if left out.

@@ -58,20 +58,26 @@ fn shadowed(rates: (f64, f64), late: usize) -> f64 {
     worst.get()
 }
 
+/// A vehicle that is to be at the origin and hovers elsewhere, under this set point.
+fn at_rest(position_w_m: Vector3<f64>, applied: Setpoint) -> Input<'static> {
+    const ORIGIN: Vector3<f64> = Vector3::new(0.0, 0.0, 0.0);
+    Input {
+        position_w_m,
+        velocity_w_m_s: Vector3::zeros(),
+        gamma_rad: Vector3::zeros(),
+        age_s: 0.0,
+        reference_w_m: &[ORIGIN],
+        reference_yaw_rad: 0.0,
+        applied: Some(applied),
+    }
+}
+
 #[test]
 fn a_vehicle_that_another_controller_left_beside_its_path_is_brought_back_gently() {
     let config = PositionLawConfig::default();
     let vehicle = VehicleParameters::default();
     let level = Setpoint { gamma_rad: Vector3::zeros(), thrust_n: vehicle.weight_n() };
-    let beside = Input {
-        position_w_m: Vector3::new(0.06, 0.0, 0.0),
-        velocity_w_m_s: Vector3::zeros(),
-        gamma_rad: Vector3::zeros(),
-        age_s: 0.0,
-        reference_w_m: &[Vector3::zeros()],
-        reference_yaw_rad: 0.0,
-        applied: Some(level),
-    };
+    let beside = at_rest(Vector3::x() * 0.06, level);
     let tilt_rad = |tracks: bool| {
         let mut law = PositionLaw::new(config, &vehicle).unwrap();
         if tracks {
@@ -95,15 +101,7 @@ fn a_vehicle_that_is_far_from_its_path_is_brought_back_at_once() {
     let vehicle = VehicleParameters::default();
     let level = Setpoint { gamma_rad: Vector3::zeros(), thrust_n: vehicle.weight_n() };
     for (distance_m, fading_m) in [(0.08, 0.07), (0.15, 0.05), (0.2, 0.0), (0.4, 0.0)] {
-        let far = Input {
-            position_w_m: Vector3::new(0.0, distance_m, 0.0),
-            velocity_w_m_s: Vector3::zeros(),
-            gamma_rad: Vector3::zeros(),
-            age_s: 0.0,
-            reference_w_m: &[Vector3::zeros()],
-            reference_yaw_rad: 0.0,
-            applied: Some(level),
-        };
+        let far = at_rest(Vector3::y() * distance_m, level);
         let mut law = PositionLaw::new(PositionLawConfig::default(), &vehicle).unwrap();
         law.track(&level, 0);
         let roll_rad = law.step(&far).setpoint.gamma_rad.x;
