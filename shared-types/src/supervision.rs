@@ -229,6 +229,9 @@ sample! {
     pub struct Progress {
         /// Instant of the first release not completely published \[ns\].
         pub mark_ns: u64,
+        /// Nothing that another loop waits for is published for a release before this instant, beyond what has been;
+        /// 0, or any instant before the mark, stands for the mark \[ns\].
+        pub quiet_until_ns: u64,
         /// Steps run.
         pub steps: u64,
         /// `CLOCK_MONOTONIC` before every reader that had its ports open was given what had been published \[ns\]. A

@@ -121,13 +121,13 @@ floor_plan! {
         "delayed position and attitude from a tracker"
     3 MORPH_ANGLE "morph_angle": MorphAngle, Plant => [Estimator], ZeroLatency, history 64;
         "encoder reading of the deployable angle"
-    4 APPLIED_COMMAND "applied_command": AppliedCommand, Plant => [Position, Attitude, Monitor], ZeroLatency, history 64, hashed;
+    4 APPLIED_COMMAND "applied_command": AppliedCommand, Plant => [Position, Attitude, Monitor], ZeroLatency, history 128, hashed;
         "wrench and rotor thrusts the gate applied"
     5 TRUTH "truth": Truth, Plant => [], RecordOnly, history 1, hashed;
         "real state of the vehicle"
     6 ACTUATOR_STATE "actuator_state": ActuatorState, Plant => [], RecordOnly, history 1;
         "real rotor thrusts"
-    7 STATE_ESTIMATE "state_estimate": StateEstimate, Estimator => [Position, Attitude, Monitor], ZeroLatency, history 64, hashed;
+    7 STATE_ESTIMATE "state_estimate": StateEstimate, Estimator => [Position, Attitude, Monitor], ZeroLatency, history 128, hashed;
         "believed state with one-sigma errors"
     8 REFERENCE "reference": Reference, Pilot => [Position, Monitor], ZeroLatency, history 32;
         "trajectory to follow, with preview"

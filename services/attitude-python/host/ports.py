@@ -9,8 +9,9 @@ import time
 
 import iceoryx2 as iox2
 
-# Of a progress mark: the mark, when readers were served before it, and generation; of a header, seat and generation.
-MARK = struct.Struct("<Q8xQI")
+# Of a progress mark: the mark, until when the writer is quiet, when readers were served before it, and generation; of a
+# header, seat and generation.
+MARK = struct.Struct("<QQ8xQI")
 SEATED = struct.Struct("<72xII")
 
 
@@ -191,16 +192,22 @@ class Bus:
         return self._read(name, sample_type, 1024, passes)
 
     def marks(self, role, seat):
-        """How far the processes on a seat have got, as they come: mark, instant at which readers had been served
-        [ns of CLOCK_MONOTONIC], and generation."""
+        """How far the processes on a seat have got, as they come: instant before which nothing more comes from them,
+        instant at which readers had been served [ns of CLOCK_MONOTONIC], and generation."""
 
         def passes(node, packed):
             line = self._line(node)
-            return line is not None and line[:2] == (role, seat) and line[2] == MARK.unpack_from(packed)[2]
+            return line is not None and line[:2] == (role, seat) and line[2] == MARK.unpack_from(packed)[-1]
 
         label = self.label(role, seat)
         reader = self._read(f"progress/{label}", self.samples.Progress, 2, passes)
-        return lambda: [MARK.unpack_from(packed) for _, packed in reader.receive()]
+
+        def received():
+            for _, packed in reader.receive():
+                mark_ns, quiet_until_ns, served_mono_ns, generation = MARK.unpack_from(packed)
+                yield max(mark_ns, quiet_until_ns), served_mono_ns, generation
+
+        return received
 
     def label(self, role, seat):
         """Name of a seat in services and pipes."""

@@ -387,6 +387,13 @@ impl Service for Monitor {
         }
     }
 
+    /// A trip is published only while an owner is watched.
+    fn quiet_until_ns(&self, from_ns: u64, known_ns: u64, inputs: &Inputs) -> u64 {
+        let records = [&inputs.attitude_owner, &inputs.position_owner];
+        let watched = records.map(|slot| slot.first_in_effect_ns(from_ns, |r| r.watched.is_set()));
+        watched.into_iter().flatten().fold(known_ns, u64::min).max(from_ns)
+    }
+
     fn memory(&self) -> Memory {
         Memory {
             judge: self.judge.memory(),

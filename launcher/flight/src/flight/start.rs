@@ -29,7 +29,7 @@ use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Hello, Role};
 use simulate::Sinks;
 use simulate::setup::{
-    RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar, system,
+    Pin, RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar, system,
 };
 use swap::child::{ChildSpec, Launch};
 use swap::services::{HeldServices, Wakers};
@@ -86,6 +86,11 @@ impl Flight {
         let spec = |role: Role| {
             let (name, executable) = (assignment.name(role)?.to_owned(), OWN_EXECUTABLE.into());
             let launch = Launch::Service { config: None };
+            // Loops that take turns do so fastest on one processor. One that is quiet flies beside them, unless the
+            // recorder needs what else there is.
+            let may_be_quiet = graph.quiet_limit_ns(role) > 0;
+            let is_free = options.pin == Pin::Auto && may_be_quiet && recording.is_none();
+            let cpu = cpu.filter(|_| !is_free);
             Some((role, ChildSpec { name, executable, launch, cpu, nice: None, pause_ns: 0 }))
         };
         let processes = roles.iter().filter(|role| has_process(**role));

@@ -100,6 +100,11 @@ impl Component {
         &mut *self.parts
     }
 
+    /// See [`Service::quiet_until_ns`].
+    pub(crate) fn quiet_until_ns(&self, from_ns: u64, known_ns: u64) -> u64 {
+        self.parts.quiet_until_ns(from_ns, known_ns)
+    }
+
     /// Writes the whole evolving state; `out` holds [`Layout::state_size`] bytes.
     pub fn pack(&self, header: &StateHeader, out: &mut [u8]) {
         self.parts.pack(header, out);
@@ -117,6 +122,8 @@ pub(crate) trait Parts {
     fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]);
     /// See [`Service::skip`].
     fn skip(&mut self, left_out: u64);
+    /// See [`Service::quiet_until_ns`].
+    fn quiet_until_ns(&self, from_ns: u64, known_ns: u64) -> u64;
     /// Puts into effect what is due and runs the step; gives the origin and the cause of what it has written.
     fn step(&mut self, now_ns: u64, previous_ns: Option<u64>, tracks: bool) -> (Origin, u64);
     /// Stamps and sends what the step has written.
@@ -161,6 +168,9 @@ impl<S: Service> Parts for Typed<S> {
     }
     fn skip(&mut self, left_out: u64) {
         self.service.skip(left_out);
+    }
+    fn quiet_until_ns(&self, from_ns: u64, known_ns: u64) -> u64 {
+        self.service.quiet_until_ns(from_ns, known_ns, &self.inputs)
     }
     fn step(&mut self, now_ns: u64, previous_ns: Option<u64>, tracks: bool) -> (Origin, u64) {
         let Self { service, inputs, outputs } = self;

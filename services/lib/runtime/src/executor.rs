@@ -158,6 +158,12 @@ impl Executor {
         self.mark_ns
     }
 
+    /// See [`Service::quiet_until_ns`](crate::Service::quiet_until_ns), from the next release on.
+    #[must_use]
+    pub fn quiet_until_ns(&self, known_ns: u64) -> u64 {
+        self.component.quiet_until_ns(self.mark_ns, known_ns)
+    }
+
     /// Instant of the last release that has run; none before the first \[ns\].
     #[must_use]
     pub fn previous_ns(&self) -> Option<u64> {

@@ -154,6 +154,8 @@ pub enum GraphError {
 pub struct Graph {
     nodes: Vec<Node>,
     edges: Vec<Edge>,
+    /// See [`Self::quiet_limit_ns`].
+    quiet_limit_ns: u64,
 }
 
 /// Declared latency of each delayed topic, by topic name \[ns\].
@@ -191,10 +193,26 @@ impl Graph {
                 }
             }
         }
-        let graph = Self { nodes, edges };
+        let mut graph = Self { nodes, edges, quiet_limit_ns: QUIET_LIMIT_NS };
         graph.refuse_zero_latency_loops()?;
+        while graph.quiet_limit_ns > 0 && !graph.keeps_enough() {
+            graph.quiet_limit_ns /= 2;
+        }
         graph.refuse_overflow()?;
         Ok(graph)
+    }
+
+    /// Lockstep: how far ahead a process of a role may say that it is quiet \[ns\]. Only the monitor publishes nothing at
+    /// most of its steps.
+    #[must_use]
+    pub fn quiet_limit_ns(&self, role: Role) -> u64 {
+        if role == Role::Monitor { self.quiet_limit_ns } else { 0 }
+    }
+
+    /// True if a process that restarts behind those that have gone ahead while it was quiet finds all it has missed.
+    fn keeps_enough(&self) -> bool {
+        let mut inputs = self.edges.iter().filter(|e| self.quiet_limit_ns(e.to) > 0);
+        inputs.all(|e| self.most_waiting(e, 1) <= e.topic.history as u64)
     }
 
     /// The same graph, with a deadline of its own for each edge that `deadline_ns` has one for.
@@ -355,8 +373,8 @@ impl Graph {
 
     /// Furthest that the mark of `of` can ever be ahead of the mark of `over` \[ns\].
     ///
-    /// Every arrow holds its consumer back to one period past the producer's mark plus the latency,
-    /// a lead does the same for a source, and allowed time ends [`CREDIT_NS`] ahead of the slowest
+    /// Every arrow holds its consumer back to one period past the instant until which the producer is quiet plus the
+    /// latency, a lead does the same for a source, and allowed time ends [`CREDIT_NS`] ahead of the slowest
     /// loop. The shortest way from one to the other is the bound.
     #[must_use]
     pub fn look_ahead_ns(&self, of: Role, over: Role) -> u64 {
@@ -364,7 +382,10 @@ impl Graph {
         ahead[over.index()] = 0;
         for _ in &self.nodes {
             for node in &self.nodes {
-                let held_by = |e: &Edge| (e.to == node.role).then_some((e.from, e.latency_ns));
+                let held_by = |e: &Edge| {
+                    let slack_ns = e.latency_ns.saturating_add(self.quiet_limit_ns(e.from));
+                    (e.to == node.role).then_some((e.from, slack_ns))
+                };
                 let lead = (node.lead_ns > 0).then_some((Role::Plant, node.lead_ns));
                 for (from, slack_ns) in self.edges.iter().filter_map(held_by).chain(lead) {
                     let through = ahead[from.index()]
@@ -438,6 +459,10 @@ impl Graph {
         Ok(())
     }
 }
+
+/// Furthest ahead of its mark that a process says that it is quiet, where readers and topics keep enough for it \[ns\]: a
+/// process that is woken once in four of its steps instead of at each of them costs a third.
+const QUIET_LIMIT_NS: u64 = 80_000_000;
 
 /// Furthest that the end of allowed time lies ahead of the slowest loop's mark \[ns\].
 pub const CREDIT_NS: u64 = 250_000_000;

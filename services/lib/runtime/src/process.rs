@@ -73,6 +73,8 @@ pub struct Process<'a> {
     leave_ns: u64,
     /// The mark that was published last \[ns\].
     told_ns: Option<u64>,
+    /// Lockstep: see [`Progress::quiet_until_ns`] \[ns\].
+    quiet_until_ns: u64,
     /// `CLOCK_MONOTONIC` when all ports were open \[ns\].
     opened_mono_ns: u64,
     /// Generation of the pilot that died with the launcher.
@@ -122,6 +124,7 @@ impl<'a> Process<'a> {
             pid: std::process::id(),
             leave_ns: u64::MAX,
             told_ns: None,
+            quiet_until_ns: 0,
             // The executor has opened its own before, and fields are made in their order here.
             opened_mono_ns: mono_now_ns(),
             lost_pilot: None,
@@ -221,6 +224,7 @@ impl<'a> Process<'a> {
         self.told_ns = Some(mark_ns);
         self.progress.send(&Progress {
             mark_ns,
+            quiet_until_ns: self.quiet_until_ns.max(mark_ns),
             steps: self.executor.steps(),
             served_mono_ns,
             generation: self.executor.place().generation,

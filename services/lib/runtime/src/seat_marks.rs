@@ -1,6 +1,6 @@
 //! How far every seat has got, and whose word counts, as one process knows it.
 
-use crate::graph::{Edge, ROLES};
+use crate::graph::{Edge, Node, ROLES};
 use crate::ownership::{MarkView, SlotBook};
 use crate::state_header::StateHeader;
 use shared_types::{Handover, Progress, RegistryEntry, Role, SEATS, Seat};
@@ -9,6 +9,8 @@ use shared_types::{Handover, Progress, RegistryEntry, Role, SEATS, Seat};
 #[derive(Debug, Clone)]
 pub struct SeatMarks {
     marks: [[u64; SEATS]; ROLES],
+    /// Nothing that another loop waits for comes for a release before these, at or after the marks.
+    quiet_until_ns: [[u64; SEATS]; ROLES],
     generations: [[Option<u32>; SEATS]; ROLES],
     /// By [`Seat::number`]: by the registry, the process has left, whose generation is the one that is known.
     has_left: [bool; Seat::COUNT],
@@ -21,6 +23,7 @@ impl Default for SeatMarks {
     fn default() -> Self {
         Self {
             marks: [[0; SEATS]; ROLES],
+            quiet_until_ns: [[0; SEATS]; ROLES],
             generations: [[None; SEATS]; ROLES],
             has_left: [false; Seat::COUNT],
             served_mono_ns: [0; Seat::COUNT],
@@ -53,21 +56,34 @@ impl SeatMarks {
 
     /// Takes in how far a seat's process of this generation has got.
     pub fn advance(&mut self, role: Role, seat: u32, generation: u32, mark_ns: u64) {
-        let Some((mark, known)) = self.seat(role, seat) else { return };
-        match *known {
+        self.advance_quietly(role, seat, generation, (mark_ns, mark_ns));
+    }
+
+    /// The same of a process that has said until when it is quiet: mark and that instant \[ns\].
+    fn advance_quietly(&mut self, role: Role, seat: u32, generation: u32, said_ns: (u64, u64)) {
+        let Some(one) = self.seat(role, seat) else { return };
+        let (mark_ns, quiet_until_ns) = (said_ns.0, said_ns.1.max(said_ns.0));
+        match *one.generation {
             Some(known) if known > generation => {}
-            Some(known) if known == generation => *mark = mark_ns.max(*mark),
-            _ => (*mark, *known) = (mark_ns, Some(generation)),
+            Some(known) if known == generation => {
+                *one.mark_ns = mark_ns.max(*one.mark_ns);
+                *one.quiet_until_ns = quiet_until_ns.max(*one.quiet_until_ns);
+            }
+            _ => {
+                *one.generation = Some(generation);
+                (*one.mark_ns, *one.quiet_until_ns) = (mark_ns, quiet_until_ns);
+            }
         }
     }
 
     /// Takes in what a process has said of how far it has got. What it said before the reader's ports were open, at
     /// `opened_mono_ns` of `CLOCK_MONOTONIC`, may promise samples that have not come; returns false then.
     pub fn hear(&mut self, seat: Seat, progress: &Progress, opened_mono_ns: u64) -> bool {
-        let Progress { mark_ns, served_mono_ns, generation, .. } = *progress;
+        let Progress { mark_ns, quiet_until_ns, served_mono_ns, generation, .. } = *progress;
         let is_believed = served_mono_ns == 0 || served_mono_ns >= opened_mono_ns;
         if is_believed {
-            self.advance(seat.role, seat.index, generation, mark_ns);
+            let said_ns = (mark_ns, quiet_until_ns);
+            self.advance_quietly(seat.role, seat.index, generation, said_ns);
             if let Some(number) =
                 seat.number().filter(|_| self.generation(seat) == Some(generation))
             {
@@ -128,17 +144,18 @@ impl SeatMarks {
     pub fn learn_registry(&mut self, entries: &[RegistryEntry]) {
         for entry in entries {
             let seat = Seat { role: entry.role, index: entry.seat };
-            let Some((mark, known)) = self.seat(entry.role, entry.seat) else { continue };
-            match *known {
+            let Some(one) = self.seat(entry.role, entry.seat) else { continue };
+            match *one.generation {
                 Some(known) if known > entry.generation => continue,
                 Some(known) if known == entry.generation => {
                     if !entry.present.is_set() {
-                        *mark = u64::MAX;
+                        (*one.mark_ns, *one.quiet_until_ns) = (u64::MAX, u64::MAX);
                     }
                 }
                 _ => {
-                    *known = Some(entry.generation);
-                    *mark = if entry.present.is_set() { 0 } else { u64::MAX };
+                    let mark_ns = if entry.present.is_set() { 0 } else { u64::MAX };
+                    *one.generation = Some(entry.generation);
+                    (*one.mark_ns, *one.quiet_until_ns) = (mark_ns, mark_ns);
                     if let Some(number) = seat.number() {
                         self.served_mono_ns[number] = 0;
                     }
@@ -150,18 +167,38 @@ impl SeatMarks {
         }
     }
 
-    fn seat(&mut self, role: Role, seat: u32) -> Option<(&mut u64, &mut Option<u32>)> {
-        let index = usize::try_from(seat).ok()?;
-        let mark = self.marks.get_mut(role.index())?.get_mut(index)?;
-        let generation = self.generations.get_mut(role.index())?.get_mut(index)?;
-        Some((mark, generation))
+    /// From which release on a quiet loop is woken, one with a single seat \[ns\]: from the middle of its quiet on, so that
+    /// it has several to run, unless none lies between there and the end, before which no loop waits for it.
+    #[must_use]
+    pub fn woken_from_ns(&self, node: &Node) -> u64 {
+        let mark_ns = self.of_role(node.role);
+        let quiet_until_ns = self.quiet_until_ns.get(node.role.index()).map_or(0, |seats| seats[0]);
+        let middle_ns = mark_ns.midpoint(quiet_until_ns);
+        let first_ns = node.rate.release_ns(node.rate.first_at_or_after(middle_ns));
+        if first_ns < quiet_until_ns { first_ns } else { mark_ns }
     }
+
+    fn seat(&mut self, role: Role, seat: u32) -> Option<KnownSeat<'_>> {
+        let (role, index) = (role.index(), usize::try_from(seat).ok()?);
+        Some(KnownSeat {
+            mark_ns: self.marks.get_mut(role)?.get_mut(index)?,
+            quiet_until_ns: self.quiet_until_ns.get_mut(role)?.get_mut(index)?,
+            generation: self.generations.get_mut(role)?.get_mut(index)?,
+        })
+    }
+}
+
+/// What is known of the process on a seat.
+struct KnownSeat<'a> {
+    mark_ns: &'a mut u64,
+    quiet_until_ns: &'a mut u64,
+    generation: &'a mut Option<u32>,
 }
 
 impl MarkView for SeatMarks {
     fn of(&self, edge: &Edge) -> u64 {
         let role = edge.from.index();
-        match (self.books.get(role), self.marks.get(role)) {
+        match (self.books.get(role), self.quiet_until_ns.get(role)) {
             (Some(book), Some(seats)) => book.mark_ns(seats, edge.latency_ns),
             _ => 0,
         }
@@ -174,7 +211,9 @@ impl MarkView for SeatMarks {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::graph::MissPolicy;
     use crate::ownership::tests::{MS, record};
+    use crate::rate::Rate;
     use shared_types::{NO_SEAT, OwnerRecord, topics};
 
     fn marks(seats_ms: [u64; SEATS], records: &[OwnerRecord]) -> SeatMarks {
@@ -222,6 +261,38 @@ mod tests {
         assert_eq!(of(&marks, 1), 90);
         assert!(marks.hear(owner, &said(0, 100), 1000), "a writer that does not tell");
         assert_eq!(of(&marks, 1), 100);
+    }
+
+    #[test]
+    fn a_quiet_process_is_waited_for_by_its_quiet_and_judged_by_its_mark() {
+        let mut marks = SeatMarks::default();
+        let seat = Seat::first(Role::Monitor);
+        let mut say = |generation, mark_ms: u64, quiet_until_ms: u64| {
+            let (mark_ns, quiet_until_ns) = (mark_ms * MS, quiet_until_ms * MS);
+            marks.hear(
+                seat,
+                &Progress { mark_ns, quiet_until_ns, generation, ..Progress::default() },
+                0,
+            );
+            let edge = Edge::unwaited(&topics::TRIP.info, Role::Plant);
+            let node = Node {
+                role: Role::Monitor,
+                rate: Rate::from_hz(100.0).unwrap(),
+                lead_ns: 0,
+                input_deadline_ns: 0,
+                miss_policy: MissPolicy::Skip,
+            };
+            let all =
+                [marks.of(&edge), marks.of_seat(seat, generation), marks.woken_from_ns(&node)];
+            all.map(|ns| ns / MS)
+        };
+        assert_eq!(say(0, 20, 0), [20, 20, 20], "a writer that does not tell");
+        assert_eq!(say(0, 20, 100), [100, 20, 60]);
+        assert_eq!(say(0, 20, 90), [100, 20, 60], "what it has said holds");
+        assert_eq!(say(0, 70, 100), [100, 70, 90]);
+        // No release lies between the middle and the end.
+        assert_eq!(say(0, 90, 100), [100, 90, 90]);
+        assert_eq!(say(1, 50, 0), [50, 50, 50], "its successor begins anew");
     }
 
     #[test]

@@ -52,6 +52,13 @@ pub trait Service {
         false
     }
 
+    /// Instant before which no step from `from_ns` on publishes anything, `from_ns` if that cannot be said. All owner
+    /// records that take effect before `known_ns` have arrived. Loops that wait for this one may run so far ahead of it,
+    /// and need not wake it meanwhile.
+    fn quiet_until_ns(&self, from_ns: u64, _known_ns: u64, _inputs: &Self::Inputs) -> u64 {
+        from_ns
+    }
+
     /// Draws everything random from the streams of another seed from now on, at the places reached.
     fn reseed(&mut self, _seed: u64) {}
 

@@ -14,28 +14,35 @@ const MAX_RELEASES: usize = 8;
 
 impl Graph {
     /// Of [`wakes`](Self::wakes), the roles for which the mark of `from` may be the last that one
-    /// of their releases waits for.
+    /// of their releases waits for, among those from `woken_from_ns` on.
     pub fn lockstep_wakes(
         &self,
         from: Role,
         old_ns: u64,
         new_ns: u64,
-    ) -> impl Iterator<Item = Role> + '_ {
+        woken_from_ns: impl Fn(&Node) -> u64,
+    ) -> impl Iterator<Item = Role> {
         self.nodes()
             .iter()
             .filter(move |node| {
+                let may_come_last = |e: &Edge| {
+                    let first_ns = woken_from_ns(node).saturating_sub(e.lag_ns());
+                    self.may_come_last(e, node, old_ns.max(first_ns), new_ns)
+                };
                 node.is_paced_by(from, old_ns, new_ns)
-                    || self.edges().iter().any(|e| {
-                        e.from == from
-                            && e.to == node.role
-                            && self.may_come_last(e, node, old_ns, new_ns)
-                    })
+                    || self
+                        .edges()
+                        .iter()
+                        .any(|e| e.from == from && e.to == node.role && may_come_last(e))
             })
             .map(|node| node.role)
     }
 
     /// True if some release of `node` that `edge` permits since its mark moved may then run.
     fn may_come_last(&self, edge: &Edge, node: &Node, old_ns: u64, new_ns: u64) -> bool {
+        if old_ns >= new_ns {
+            return false;
+        }
         let mut releases = edge.unblocked(node.rate, old_ns, new_ns);
         releases.by_ref().take(MAX_RELEASES).any(|t_ns| !self.is_implied(edge, t_ns))
             || releases.next().is_some()
@@ -45,13 +52,19 @@ impl Graph {
     /// has.
     fn is_implied(&self, edge: &Edge, t_ns: u64) -> bool {
         let Some(producer) = self.node(edge.from) else { return false };
-        self.edges().iter().filter(|f| f.to == edge.to && f.from != edge.from).any(|f| {
+        // What a quiet loop permits it permits before it has run.
+        let others = self
+            .edges()
+            .iter()
+            .filter(|f| f.to == edge.to && f.from != edge.from && self.quiet_limit_ns(f.from) == 0);
+        others.into_iter().any(|f| {
             let Some(last_ns) = self.last_release_needed(f, t_ns) else { return false };
             // That release has run, so the arrows to it have permitted it.
             self.edges().iter().filter(|g| g.to == f.from && g.from == edge.from).any(|g| {
                 let Some(need_ns) = last_ns.checked_sub(g.latency_ns) else { return false };
                 let past_ns = need_ns + u64::from(!g.strict);
-                let mark_ns = producer.rate.release_ns(producer.rate.first_at_or_after(past_ns));
+                let grid = Some(producer.rate).filter(|_| self.quiet_limit_ns(edge.from) == 0);
+                let mark_ns = grid.map_or(past_ns, |r| r.release_ns(r.first_at_or_after(past_ns)));
                 (need_ns > 0 || !g.strict) && edge.permits(t_ns, mark_ns)
             })
         })
@@ -77,6 +90,11 @@ impl Node {
 }
 
 impl Edge {
+    /// How much later than the producer's mark the first release lies that it does not permit \[ns\].
+    fn lag_ns(&self) -> u64 {
+        self.latency_ns + u64::from(self.strict)
+    }
+
     /// True if moving the producer's mark from `old_ns` to `new_ns` may unblock a release of the
     /// consumer: the only case in which it is worth waking.
     #[must_use]
@@ -91,9 +109,8 @@ impl Edge {
         old_ns: u64,
         new_ns: u64,
     ) -> impl Iterator<Item = u64> + use<> {
-        let offset = self.latency_ns + u64::from(self.strict);
-        let end_ns = new_ns.saturating_add(offset);
-        (consumer.first_at_or_after(old_ns.saturating_add(offset))..)
+        let end_ns = self.open_until_ns(new_ns);
+        (consumer.first_at_or_after(self.open_until_ns(old_ns))..)
             .map(move |k| consumer.release_ns(k))
             .take_while(move |&t_ns| t_ns < end_ns)
     }

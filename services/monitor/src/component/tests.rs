@@ -112,3 +112,31 @@ fn what_is_told_of_an_epoch_that_is_over_replaces_no_owner_of_the_next() {
     assert!(matches!(hands(1), [Hands::Watched(Watched { epoch: 2, .. }), Hands::Proven]));
     assert!(matches!(hands(2), [Hands::Replaced, Hands::Proven]));
 }
+
+#[test]
+fn it_is_quiet_until_the_first_watched_record_that_it_knows_of() {
+    let record = |epoch: u64, at_ns: u64, watched: bool| OwnerRecord {
+        header: Header { sequence: epoch, valid_ns: at_ns, ..Header::default() },
+        epoch,
+        watched: Flag::from(watched),
+        ..Default::default()
+    };
+    let mut inputs = Inputs::default();
+    let quiet_until_ns = |inputs: &Inputs, from_ns| monitor().quiet_until_ns(from_ns, 90, inputs);
+    assert_eq!(quiet_until_ns(&inputs, 10), 90, "as far as all records are known");
+    for (epoch, at_ns, watched) in [(1, 0, false), (2, 60, true), (3, 80, false)] {
+        inputs.position_owner.offer(record(epoch, at_ns, watched));
+    }
+    inputs.position_owner.accept(0, None);
+    assert_eq!(quiet_until_ns(&inputs, 10), 60);
+    inputs.attitude_owner.offer(record(1, 40, true));
+    assert_eq!(quiet_until_ns(&inputs, 10), 40, "by the slot that is watched first");
+    inputs.attitude_owner.accept(40, Some(0));
+    assert_eq!(quiet_until_ns(&inputs, 50), 50, "not while an owner is watched");
+    inputs.attitude_owner.offer(record(2, 55, false));
+    inputs.attitude_owner.accept(55, Some(40));
+    assert_eq!(quiet_until_ns(&inputs, 56), 60);
+    inputs.position_owner.accept(80, Some(55));
+    assert_eq!(quiet_until_ns(&inputs, 81), 90);
+    assert_eq!(quiet_until_ns(&inputs, 95), 95, "what is not known promises nothing");
+}

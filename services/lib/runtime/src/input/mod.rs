@@ -362,6 +362,19 @@ impl<T: Sample> Input<T> {
         self.effective[..self.fresh_from].last()
     }
 
+    /// First instant from `from_ns` on, the next step, at which a sample of a kind is in effect, as far as samples have
+    /// arrived \[ns\].
+    pub fn first_in_effect_ns(&self, from_ns: u64, is_meant: impl Fn(&T) -> bool) -> Option<u64> {
+        if self.latest().is_some_and(&is_meant) {
+            return Some(from_ns);
+        }
+        let to_come = self.pending.iter().map(|arrived| &arrived.sample);
+        to_come
+            .into_iter()
+            .find(|sample| is_meant(sample))
+            .map(|s| s.header().valid_ns.max(from_ns))
+    }
+
     /// The latest sample in effect, whichever process wrote it.
     #[must_use]
     pub fn latest(&self) -> Option<&T> {

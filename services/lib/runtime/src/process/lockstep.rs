@@ -9,6 +9,7 @@ impl Process<'_> {
     pub(super) fn run_lockstep(&mut self) -> Ending {
         let mut clock = self.read_clock();
         let mut moved = Roles::ALL;
+        let quiet_limit_ns = self.graph.quiet_limit_ns(self.seat.role);
         loop {
             if let Some(ending) = self.stop_requested() {
                 return ending;
@@ -47,6 +48,11 @@ impl Process<'_> {
             if after_ns > before_ns {
                 if core::mem::take(&mut self.timed_out) {
                     self.executor.count_rescued_wait();
+                }
+                // What was decided before time was allowed has arrived, and nothing decided since takes effect earlier.
+                let known_ns = allowed_ns.min(after_ns.saturating_add(quiet_limit_ns));
+                if quiet_limit_ns > 0 {
+                    self.quiet_until_ns = self.executor.quiet_until_ns(known_ns);
                 }
                 self.serve_and_send(after_ns);
                 self.wake_lockstep(before_ns, after_ns);

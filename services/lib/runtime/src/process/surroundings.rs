@@ -1,7 +1,7 @@
 //! Whom a process waits for, whom it wakes, and who commands the slots around it.
 
 use super::Process;
-use crate::graph::{Graph, Roles};
+use crate::graph::{Graph, Node, Roles};
 use crate::input::Source as _;
 use crate::ipc::{Bus, IpcSource, LatestPort, PortError, WakeNotifier};
 use shared_types::wire::hash_bytes;
@@ -27,8 +27,9 @@ impl Neighbour {
     pub(super) fn open_all(bus: &Bus, graph: &Graph, role: Role) -> Result<Vec<Self>, PortError> {
         let mut neighbours = Vec::new();
         for node in graph.nodes().iter().filter(|n| n.role != role) {
-            let upstream = graph.waits_for(role, node.role);
             let downstream = graph.waits_for(node.role, role);
+            let may_be_quiet = downstream && graph.quiet_limit_ns(node.role) > 0;
+            let upstream = may_be_quiet || graph.waits_for(role, node.role);
             for seat in Seat::all(node.role).filter(|_| upstream || downstream) {
                 neighbours.push(Neighbour {
                     seat,
@@ -135,8 +136,15 @@ impl Process<'_> {
         self.wake_whom(|graph, from| graph.wakes(from, before_ns, after_ns).collect());
     }
 
+    /// Wakes those whose next release the mark may unblock, and the quiet ones among them only if it is time.
     pub(super) fn wake_lockstep(&self, before_ns: u64, after_ns: u64) {
-        self.wake_whom(|graph, from| graph.lockstep_wakes(from, before_ns, after_ns).collect());
+        let woken_from_ns = |node: &Node| {
+            let may_be_quiet = self.graph.quiet_limit_ns(node.role) > 0;
+            if may_be_quiet { self.marks.woken_from_ns(node) } else { 0 }
+        };
+        self.wake_whom(|graph, from| {
+            graph.lockstep_wakes(from, before_ns, after_ns, woken_from_ns).collect()
+        });
     }
 
     /// Wakes the processes of some roles. None waits for a shadow; and one that runs at another rate

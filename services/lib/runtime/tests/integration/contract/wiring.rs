@@ -95,7 +95,7 @@ fn lockstep_leaves_out_a_wake_up_that_another_is_sure_to_follow() {
     let graph = Graph::new(nodes(), &|_| 1_000_000).unwrap();
     let woken = |from, new_ns| {
         let all: Vec<Role> = graph.wakes(from, 0, new_ns).collect();
-        let enough: Vec<Role> = graph.lockstep_wakes(from, 0, new_ns).collect();
+        let enough: Vec<Role> = graph.lockstep_wakes(from, 0, new_ns, |_| 0).collect();
         assert!(enough.iter().all(|role| all.contains(role)), "{from:?}: {enough:?} of {all:?}");
         (all, enough)
     };
@@ -108,6 +108,27 @@ fn lockstep_leaves_out_a_wake_up_that_another_is_sure_to_follow() {
     assert!(enough.contains(&Role::Attitude), "{enough:?}");
     let (_, enough) = woken(Role::Plant, u64::MAX);
     assert!(enough.contains(&Role::Attitude), "a mark of ever answers for all that follows");
+}
+
+/// A loop that is quiet is woken for the releases of its turn, and for all before the end of the flight.
+#[test]
+fn a_quiet_loop_is_not_woken_for_releases_before_its_turn() {
+    let monitor = node(Role::Monitor, 100.0, 0);
+    let all = nodes().into_iter().chain([monitor]).collect();
+    let graph = Graph::new(all, &|_| 1_000_000).unwrap();
+    let is_woken = |old_ns, new_ns, woken_from_ns: u64| {
+        let woken = |node: &Node| if node.role == Role::Monitor { woken_from_ns } else { 0 };
+        graph.lockstep_wakes(Role::Estimator, old_ns, new_ns, woken).any(|r| r == Role::Monitor)
+    };
+    assert!(is_woken(10_000_000, 11_000_000, 0));
+    assert!(!is_woken(10_000_000, 11_000_000, 40_000_000));
+    assert!(is_woken(40_000_000, 41_000_000, 40_000_000));
+    assert!(is_woken(8_000_000, 50_000_000, 40_000_000), "a whole interval at once");
+    assert!(
+        is_woken(8_000_000, u64::MAX, 40_000_000),
+        "a mark of ever answers for all that follows"
+    );
+    assert!(!is_woken(8_000_000, u64::MAX, u64::MAX), "it has finished");
 }
 
 proptest! {

@@ -4,8 +4,8 @@ use super::seat::{Seat, Worker};
 use super::toys;
 use super::transport::{Log, Network};
 use runtime::graph::{CREDIT_NS, ROLES};
-use runtime::{Graph, InputCounts, Marks, Node};
-use shared_types::Role;
+use runtime::{Graph, InputCounts, Node, SeatMarks};
+use shared_types::{Progress, Role};
 
 /// A flight to fly.
 #[derive(Debug, Clone)]
@@ -113,7 +113,7 @@ struct Actor {
     seat: Box<dyn Seat>,
     phase: Phase,
     woken: bool,
-    marks: Marks,
+    marks: SeatMarks,
     clock_ns: u64,
     before_ns: u64,
 }
@@ -131,7 +131,7 @@ impl Dice {
 struct Scheduler<'a> {
     plan: &'a Plan,
     actors: Vec<Actor>,
-    announced: Marks,
+    announced: [Progress; ROLES],
     allowed_ns: u64,
     dice: Dice,
     starved: usize,
@@ -149,7 +149,7 @@ pub(crate) fn fly_in_random_order(plan: &Plan, seed: u64, kills: &[Kill]) -> Out
             seat,
             phase: Phase::Look,
             woken: false,
-            marks: [0; ROLES],
+            marks: SeatMarks::default(),
             clock_ns: 0,
             before_ns: 0,
         })
@@ -157,7 +157,7 @@ pub(crate) fn fly_in_random_order(plan: &Plan, seed: u64, kills: &[Kill]) -> Out
     let mut scheduler = Scheduler {
         plan,
         actors,
-        announced: [0; ROLES],
+        announced: [Progress::default(); ROLES],
         allowed_ns: 1,
         starved: usize::try_from(Dice(seed ^ 0x51).below(ROLES as u64 + 2)).unwrap_or(ROLES),
         dice: Dice(seed),
@@ -229,9 +229,9 @@ impl Scheduler<'_> {
         match actor.phase {
             Phase::Look => {
                 actor.clock_ns = self.allowed_ns;
-                for from in graph.nodes().iter().filter(|n| graph.waits_for(node.role, n.role)) {
-                    let mark = &mut actor.marks[from.role.index()];
-                    *mark = self.announced[from.role.index()].max(*mark);
+                for from in graph.nodes() {
+                    let progress = &self.announced[from.role.index()];
+                    actor.marks.hear(shared_types::Seat::first(from.role), progress, 0);
                 }
                 actor.phase = Phase::Receive;
             }
@@ -271,9 +271,23 @@ impl Scheduler<'_> {
             (actor.before_ns, mark_ns)
         };
         actor.seat.flush();
-        let mark = &mut self.announced[role.index()];
-        *mark = after_ns.max(*mark);
-        let woken: Vec<Role> = self.plan.graph.lockstep_wakes(role, before_ns, after_ns).collect();
+        let graph = &self.plan.graph;
+        let known_ns = actor
+            .clock_ns
+            .min(self.plan.end_ns)
+            .min(mark_ns.saturating_add(graph.quiet_limit_ns(role)));
+        self.announced[role.index()] = Progress {
+            mark_ns: after_ns.max(self.announced[role.index()].mark_ns),
+            quiet_until_ns: actor.seat.quiet_until_ns(known_ns),
+            ..Progress::default()
+        };
+        // With what it knew of the others before.
+        let woken_from_ns = |node: &Node| match graph.quiet_limit_ns(node.role) {
+            0 => 0,
+            _ => actor.marks.woken_from_ns(node),
+        };
+        let woken: Vec<Role> =
+            graph.lockstep_wakes(role, before_ns, after_ns, woken_from_ns).collect();
         self.wake(|r| woken.contains(&r) && self.plan.graph.waits_for(r, role));
     }
 
@@ -288,7 +302,11 @@ impl Scheduler<'_> {
     }
 
     fn slowest_ns(&self) -> u64 {
-        self.actors.iter().map(|a| self.announced[a.seat.node().role.index()]).min().unwrap_or(0)
+        self.actors
+            .iter()
+            .map(|a| self.announced[a.seat.node().role.index()].mark_ns)
+            .min()
+            .unwrap_or(0)
     }
 
     /// All processes sleep: then each must have used up the allowed time.
@@ -334,9 +352,9 @@ impl Scheduler<'_> {
         let survivors = self.dice.below(actor.seat.unseen() as u64 + 1);
         actor.seat.restart(usize::try_from(survivors).unwrap_or(0));
         actor.phase = Phase::Look;
-        actor.marks = [0; ROLES];
-        let mark = &mut self.announced[role.index()];
-        *mark = actor.seat.mark_ns().max(*mark);
+        actor.marks = SeatMarks::default();
+        let mark_ns = &mut self.announced[role.index()].mark_ns;
+        *mark_ns = actor.seat.mark_ns().max(*mark_ns);
         self.wake(|r| graph.waits_for(r, role));
     }
 }

@@ -15,7 +15,8 @@ use runtime::GraphError;
 use shared_types::{Role, topics};
 
 /// The roles that may be restarted in flight.
-const RESTARTABLE: [Role; 4] = [Role::Estimator, Role::Position, Role::Attitude, Role::Disturbance];
+const RESTARTABLE: [Role; 5] =
+    [Role::Estimator, Role::Position, Role::Attitude, Role::Disturbance, Role::Monitor];
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
@@ -44,7 +45,7 @@ proptest! {
 
     #[test]
     fn a_killed_process_resumes_and_the_flight_stays_the_same(
-        wiring in wirings(), seed: u64, which in 0..4_usize, state_every in 1..20_u64,
+        wiring in wirings(), seed: u64, which in 0..RESTARTABLE.len(), state_every in 1..20_u64,
         at in 0.0..0.9_f64,
     ) {
         let Some(plan) = wiring.plan(state_every) else { return Ok(()) };
@@ -67,6 +68,7 @@ fn ten_deaths_in_one_flight_change_nothing() {
     let wiring = Wiring::default();
     let plan = wiring.plan(1).unwrap();
     let expected = fly_in_textbook_order(&plan);
+    // Not the monitor's, which may be behind by so much that what it needs has died with another process.
     let mut dice = Dice(5);
     for seed in 0..20 {
         let kills: Vec<_> = (0..10)

@@ -13,6 +13,7 @@ use std::rc::Rc;
 pub(crate) trait Seat {
     fn node(&self) -> Node;
     fn mark_ns(&self) -> u64;
+    fn quiet_until_ns(&self, known_ns: u64) -> u64;
     fn receive(&mut self);
     fn step(&mut self);
     fn counts(&self) -> InputCounts;
@@ -77,6 +78,9 @@ impl Seat for Worker {
     }
     fn mark_ns(&self) -> u64 {
         self.executor.mark_ns()
+    }
+    fn quiet_until_ns(&self, known_ns: u64) -> u64 {
+        self.executor.quiet_until_ns(known_ns)
     }
     fn receive(&mut self) {
         self.executor.component.receive();

@@ -77,6 +77,13 @@ shared_types::memory! {
     }
 }
 
+/// The monitor is quiet in most of each tenth of a second.
+fn quiet_until_ns(toy: &str, from_ns: u64) -> u64 {
+    let (turn_ns, loud_ns) = (100_000_000, 23_000_000);
+    let until_ns = from_ns - from_ns % turn_ns + turn_ns - loud_ns;
+    if toy == "monitor" { until_ns.max(from_ns) } else { from_ns }
+}
+
 /// `one_in` 1 publishes every step, n about every n-th, as the hash decides.
 macro_rules! toy {
     ($name:ident, [$($input:ident : $in_sample:ident = $in_topic:ident),*],
@@ -109,14 +116,19 @@ macro_rules! toy {
                     $(hash = super::absorb(hash, &inputs.$input);)*
                     let _ = inputs;
                     self.memory = ToyMemory { mixed: hash, steps: self.memory.steps + 1 };
+                    let is_quiet = self.quiet_until_ns(now_ns, u64::MAX, inputs) > now_ns;
                     $(
                         hash = mix(hash, stringify!($output).len() as u64);
-                        if hash.is_multiple_of($one_in) {
+                        if !is_quiet && hash.is_multiple_of($one_in) {
                             let mut sample = super::$out_sample::default();
                             *sample.number() = (hash >> 11) as f64;
                             outputs.$output.write(sample);
                         }
                     )*
+                }
+
+                fn quiet_until_ns(&self, from_ns: u64, known_ns: u64, _: &Inputs) -> u64 {
+                    super::quiet_until_ns(stringify!($name), from_ns).min(known_ns).max(from_ns)
                 }
 
                 fn memory(&self) -> ToyMemory {
