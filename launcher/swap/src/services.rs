@@ -146,7 +146,7 @@ impl HeldServices {
         bus.create_wake(seat)?;
         bus.create_wake(pipe)?;
         for node in graph.nodes().iter().filter(|node| node.role != seat.role) {
-            let upstream = graph.waits_for(seat.role, node.role);
+            let upstream = graph.reads_marks(seat.role, node.role);
             let downstream = graph.waits_for(node.role, seat.role);
             neighbours.extend(Seat::all(node.role).filter(|_| upstream));
             for woken in Seat::all(node.role).filter(|woken| downstream && *woken != pipe) {

@@ -316,6 +316,12 @@ impl Graph {
         paced || self.edges.iter().any(|e| e.from == on && e.to == role)
     }
 
+    /// True if `role` reads the marks of another: because it waits for it, or to wake it only when that is due.
+    #[must_use]
+    pub fn reads_marks(&self, role: Role, of: Role) -> bool {
+        self.waits_for(role, of) || (self.quiet_limit_ns(of) > 0 && self.waits_for(of, role))
+    }
+
     /// Roles worth waking when `from` moves its mark from `old_ns` to `new_ns`.
     pub fn wakes(&self, from: Role, old_ns: u64, new_ns: u64) -> impl Iterator<Item = Role> + '_ {
         self.nodes.iter().filter(move |n| self.wakes_node(n, from, old_ns, new_ns)).map(|n| n.role)

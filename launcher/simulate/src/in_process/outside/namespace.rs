@@ -119,7 +119,7 @@ impl Namespace {
         Ok(Self {
             periods_ns: Role::STEPPING
                 .map(|role| graph.node(role).map_or(0, |node| node.rate.period_ns())),
-            upstream: Role::STEPPING.map(|role| graph.waits_for(seat.role, role)),
+            upstream: Role::STEPPING.map(|role| graph.reads_marks(seat.role, role)),
             neighbouring: Role::STEPPING.map(|role| {
                 let waits = |a, b| graph.waits_for(a, b);
                 role != seat.role && (waits(seat.role, role) || waits(role, seat.role))

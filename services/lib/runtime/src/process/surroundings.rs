@@ -27,9 +27,8 @@ impl Neighbour {
     pub(super) fn open_all(bus: &Bus, graph: &Graph, role: Role) -> Result<Vec<Self>, PortError> {
         let mut neighbours = Vec::new();
         for node in graph.nodes().iter().filter(|n| n.role != role) {
+            let upstream = graph.reads_marks(role, node.role);
             let downstream = graph.waits_for(node.role, role);
-            let may_be_quiet = downstream && graph.quiet_limit_ns(node.role) > 0;
-            let upstream = may_be_quiet || graph.waits_for(role, node.role);
             for seat in Seat::all(node.role).filter(|_| upstream || downstream) {
                 neighbours.push(Neighbour {
                     seat,
