@@ -135,7 +135,7 @@ floor_plan! {
         "commanded deployable angle, with its path"
     10 ATTITUDE_SETPOINT "attitude_setpoint": AttitudeSetpoint, Position => [Attitude, Monitor], Delayed, history 32;
         "thrust and Euler angles for the attitude loop"
-    11 APPLIED_SETPOINT "applied_setpoint": AppliedSetpoint, Attitude => [Position, Monitor], Delayed, history 32;
+    11 APPLIED_SETPOINT "applied_setpoint": AppliedSetpoint, Attitude => [Position, Monitor], Delayed, history 64;
         "set point the attitude loop tracks"
     12 WRENCH_COMMAND "wrench_command": WrenchCommand, Attitude => [Plant], Delayed, history 64;
         "thrust and torque asked of the rotors"

@@ -53,11 +53,8 @@ impl Graph {
     fn is_implied(&self, edge: &Edge, t_ns: u64) -> bool {
         let Some(producer) = self.node(edge.from) else { return false };
         // What a quiet loop permits it permits before it has run.
-        let others = self
-            .edges()
-            .iter()
-            .filter(|f| f.to == edge.to && f.from != edge.from && self.quiet_limit_ns(f.from) == 0);
-        others.into_iter().any(|f| {
+        let runs_first = |f: &&Edge| f.from != edge.from && self.quiet_limit_ns(f.from) == 0;
+        self.edges().iter().filter(|f| f.to == edge.to).filter(runs_first).any(|f| {
             let Some(last_ns) = self.last_release_needed(f, t_ns) else { return false };
             // That release has run, so the arrows to it have permitted it.
             self.edges().iter().filter(|g| g.to == f.from && g.from == edge.from).any(|g| {

@@ -368,11 +368,8 @@ impl<T: Sample> Input<T> {
         if self.latest().is_some_and(&is_meant) {
             return Some(from_ns);
         }
-        let to_come = self.pending.iter().map(|arrived| &arrived.sample);
-        to_come
-            .into_iter()
-            .find(|sample| is_meant(sample))
-            .map(|s| s.header().valid_ns.max(from_ns))
+        let to_come = self.pending.iter().find(|arrived| is_meant(&arrived.sample));
+        to_come.map(|arrived| arrived.sample.header().valid_ns.max(from_ns))
     }
 
     /// The latest sample in effect, whichever process wrote it.

@@ -110,6 +110,21 @@ fn lockstep_leaves_out_a_wake_up_that_another_is_sure_to_follow() {
     assert!(enough.contains(&Role::Attitude), "a mark of ever answers for all that follows");
 }
 
+#[test]
+fn a_loop_is_quiet_no_further_ahead_than_histories_allow_a_restart() {
+    let limits_ms = |plant_hz| {
+        let monitor = node(Role::Monitor, 100.0, 0);
+        let fast = |n: Node| if n.role == Role::Plant { node(n.role, plant_hz, 0) } else { n };
+        let all = nodes().into_iter().map(fast).chain([monitor]).collect();
+        let graph = Graph::new(all, &|_| 1_000_000).unwrap();
+        let edges = graph.edges().iter().filter(|e| e.to == Role::Monitor);
+        assert!(edges.clone().all(|e| graph.most_waiting(e, 1) <= e.topic.history as u64));
+        [Role::Monitor, Role::Attitude].map(|role| graph.quiet_limit_ns(role) / 1_000_000)
+    };
+    assert_eq!(limits_ms(1000.0), [80, 0], "only the monitor is quiet at most of its steps");
+    assert_eq!(limits_ms(4000.0), [20, 0]);
+}
+
 /// A loop that is quiet is woken for the releases of its turn, and for all before the end of the flight.
 #[test]
 fn a_quiet_loop_is_not_woken_for_releases_before_its_turn() {
