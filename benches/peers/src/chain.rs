@@ -176,16 +176,18 @@ pub struct Law {
     in_lockstep: bool,
     setpoint_tick: u64,
     held: VecDeque<Sample>,
+    /// Nothing is owed any more.
+    is_over: bool,
 }
 
 impl Law {
     pub fn new(node: Node, in_lockstep: bool) -> Self {
-        Self { node, in_lockstep, setpoint_tick: 0, held: VecDeque::new() }
+        Self { node, in_lockstep, setpoint_tick: 0, held: VecDeque::new(), is_over: false }
     }
 
     /// The answer to a sample, if there is one now.
     pub fn answer(&mut self, sample: &Sample) -> Option<Sample> {
-        match (self.node, sample.topic()?) {
+        let answer = match (self.node, sample.topic()?) {
             (Node::Estimator, Topic::Imu) => Some(sample.answer(Topic::Estimate)),
             (Node::Position, Topic::Estimate) => {
                 (sample.is_last == 0).then(|| sample.answer(Topic::Setpoint))
@@ -202,7 +204,13 @@ impl Law {
                 self.wrench()
             }
             _ => None,
-        }
+        };
+        // The attitude loop may hold the last estimate for a while.
+        self.is_over = match self.node {
+            Node::Attitude => answer.is_some_and(|wrench| wrench.is_last != 0),
+            _ => sample.is_last != 0,
+        };
+        answer
     }
 
     fn wrench(&mut self) -> Option<Sample> {
@@ -211,29 +219,16 @@ impl Law {
         let is_due = !self.in_lockstep || self.setpoint_tick >= needed;
         is_due.then(|| self.held.pop_front())?.map(|estimate| estimate.answer(Topic::Wrench))
     }
-
-    /// True if nothing is owed any more after this sample.
-    pub fn is_over(&self, sample: &Sample) -> bool {
-        let ends_with = match self.node {
-            Node::Attitude | Node::Position => Topic::Estimate,
-            Node::Estimator => Topic::Imu,
-            Node::Injector => Topic::Time,
-            Node::Plant => Topic::Wrench,
-        };
-        sample.is_last != 0 && sample.topic() == Some(ends_with) && self.held.is_empty()
-    }
 }
 
 /// Answers until the last tick.
 pub fn react(law: &mut Law, port: &mut dyn Port) -> Result<()> {
-    let mut seen_last = false;
     loop {
         while let Some(sample) = port.receive()? {
             if let Some(answer) = law.answer(&sample) {
                 port.send(&answer)?;
-                seen_last |= answer.is_last != 0 && law.node == Node::Attitude;
             }
-            if seen_last || law.is_over(&sample) {
+            if law.is_over {
                 return Ok(());
             }
         }

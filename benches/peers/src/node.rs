@@ -217,3 +217,22 @@ fn keep(
     recording.finish()?;
     Ok(Flown::default())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_versions_that_a_table_names_are_those_that_are_pinned() {
+        let manifest = include_str!("../Cargo.toml");
+        for (peer, pin) in [
+            (Peer::Iceoryx2, "iceoryx2 = \"="),
+            (Peer::Threads, "crossbeam-channel = \"="),
+            (Peer::Copper, "cu29 = \"="),
+        ] {
+            let (_, after) = manifest.split_once(pin).unwrap();
+            let version = after.split('"').next().unwrap();
+            assert!(peer.name().contains(&format!(" {version},")), "{}: {version}", peer.name());
+        }
+    }
+}

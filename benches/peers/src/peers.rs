@@ -4,6 +4,7 @@ use crate::chain::Node;
 use crate::node::{Flown, Peer};
 use crate::table::{Realtime, Table};
 use crate::{Result, flights};
+use clap::ValueEnum as _;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
@@ -50,7 +51,8 @@ impl Drop for Running {
 fn fly(peer: Peer, folder: &Path, flight: &[String], records: bool) -> Result<Flown> {
     let start = |more: &[&str]| {
         let mut command = Command::new(std::env::current_exe()?);
-        command.arg("node").arg("--peer").arg(value_of(peer));
+        let peer = peer.to_possible_value().ok_or("a peer without a name")?;
+        command.arg("node").arg("--peer").arg(peer.get_name());
         command.arg("--folder").arg(folder).args(flight).args(more);
         Running::start(command)
     };
@@ -73,15 +75,6 @@ fn fly(peer: Peer, folder: &Path, flight: &[String], records: bool) -> Result<Fl
         sum = Flown { cpu_ns: sum.cpu_ns + flown.cpu_ns, ..flown };
     }
     Ok(sum)
-}
-
-fn value_of(peer: Peer) -> &'static str {
-    match peer {
-        Peer::Iceoryx2 => "iceoryx2",
-        Peer::Sockets => "sockets",
-        Peer::Threads => "threads",
-        Peer::Copper => "copper",
-    }
 }
 
 /// Measures every peer once.

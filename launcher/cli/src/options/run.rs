@@ -108,8 +108,8 @@ pub struct RunArguments {
     /// over: the same flight, faster
     #[arg(long, conflicts_with = "disorder")]
     pub in_process: bool,
-    /// Where the processes run: on one processor (auto in lockstep, where it is fastest), on any
-    /// (auto in realtime, none), or on a given one
+    /// Where the processes run: on one processor (auto in lockstep, where it is fastest, but for the
+    /// monitor of a flight that is not recorded), on any (auto in realtime, none), or on a given one
     #[arg(long, value_name = "auto|none|CPU", default_value = "auto", value_parser = pin)]
     pub pin: Pin,
     /// Start order, pauses, processors and priorities by chance, for tests that want disorder
