@@ -10,7 +10,7 @@ use crate::common::processes::{
     Running, all_processes, is_dead, kill, left_in_shared_memory, make_executable, processes_of,
 };
 use crate::common::recording::Recording;
-use crate::common::time::{wait_for, wait_until};
+use crate::common::time::{pause_ms, wait_for, wait_until};
 use crate::common::{Flown, fly, morphquad, rounds};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -327,6 +327,22 @@ fn a_realtime_flight_stays_in_its_place_after_a_death() {
             assert!(flown.number("position_last_second_m") < 0.3, "{}", flown.said());
         }
     }
+}
+
+#[test]
+#[ignore = "soak: how far the vehicle drifts depends on when the launcher goes on, and on what else runs"]
+fn an_owner_that_dies_while_the_launcher_is_stopped_for_three_seconds_is_replaced() {
+    let mut running = in_realtime("9s", &[]);
+    running.fly_on(2.0);
+    assert!(kill(running.launcher_pid(), Signal::STOP));
+    let owner = running.process("attitude-mpc").expect("it flies");
+    assert!(kill(owner.pid, Signal::KILL));
+    pause_ms(3000);
+    assert!(kill(running.launcher_pid(), Signal::CONT));
+    let flown = running.wait();
+    assert_ne!(flown.verdict(), "LOST", "{}", flown.said());
+    assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+    assert!(flown.said().contains("this launcher stood still for"), "{}", flown.said());
 }
 
 #[test]

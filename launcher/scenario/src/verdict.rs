@@ -140,7 +140,7 @@ impl Scenario {
             step_rad,
             after_step_s: settings.scenario.duration_s - step_at_s,
             samples_per_step: self.samples_per_step(),
-            gate_s: gate.hold_max_s + gate.level_max_s,
+            gate_s: gate.hold_max_s + gate.descend_after_s.min(gate.level_max_s),
             faults: !settings.fault.is_empty(),
         }
     }

@@ -14,9 +14,17 @@ pub struct GateConfig {
     /// Longest HOLD; the last command's validity, two control periods, may end it sooner.
     #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub hold_max_s: f64,
-    /// Longest LEVEL.
+    /// Longest LEVEL; then the rotors are cut.
     #[garde(range(min = 0.0, max = 60.0), custom(finite))]
     pub level_max_s: f64,
+    /// How long LEVEL keeps the height. After that it descends, so that a vehicle that no controller commands any more is
+    /// near the ground when its rotors are cut.
+    #[garde(range(min = 0.0, max = 60.0), custom(finite))]
+    pub descend_after_s: f64,
+    /// Speed of that descent, by the accelerometer alone: its bias takes a few tenths of a metre per second from it, or adds
+    /// them.
+    #[garde(range(min = 0.0, max = 5.0), custom(finite))]
+    pub descend_m_s: f64,
     /// Tilt that LEVEL cannot recover from.
     #[garde(range(min = 0.1, max = 3.2), custom(finite))]
     pub tip_over_tilt_rad: f64,
@@ -79,7 +87,9 @@ impl Default for GateConfig {
     fn default() -> Self {
         Self {
             hold_max_s: 0.020,
-            level_max_s: 2.0,
+            level_max_s: 6.0,
+            descend_after_s: 2.0,
+            descend_m_s: 0.7,
             tip_over_tilt_rad: 1.2,
             tip_over_s: 0.2,
             level_torque_fraction: 0.25,
@@ -112,6 +122,10 @@ impl GateConfig {
 
     pub(super) fn level_max_ns(&self) -> u64 {
         ns_from_s(self.level_max_s)
+    }
+
+    pub(super) fn descend_after_ns(&self) -> u64 {
+        ns_from_s(self.descend_after_s)
     }
 
     pub(super) fn recover_max_ns(&self) -> u64 {

@@ -116,6 +116,32 @@ fn level_recovers_from_0_3_rad_and_2_rad_s_at_every_size() {
     }
 }
 
+#[test]
+fn a_vehicle_that_no_controller_commands_any_more_comes_down_slowly() {
+    const SEEDS: u64 = 12;
+    let mut mean_m_s = 0.0;
+    let sizes = [MorphAngle::MIN, MorphAngle::MEDIUM, MorphAngle::MAX];
+    for (seed, beta) in (1..=SEEDS).zip(sizes.into_iter().cycle()) {
+        let mut flight = Flight::new(&GateConfig::default(), beta, seed);
+        for _ in 0..2000 {
+            flight.step(None);
+        }
+        let height_m = flight.model.state().position_w.z;
+        assert!(height_m.abs() < 0.05, "seed {seed}: {height_m} m");
+        for _ in 0..3900 {
+            assert!(matches!(flight.step(None).output.mode, Mode::Level { .. }));
+        }
+        // The speed is known by the accelerometer alone, whose bias of 0.05 m/s² (1 σ) is 0.3 m/s after 6 s.
+        let speed_m_s = flight.model.state().velocity_w.z;
+        assert!((-1.5..0.0).contains(&speed_m_s), "seed {seed}: {speed_m_s} m/s");
+        mean_m_s += speed_m_s / SEEDS as f64;
+        // A command at the last moment is followed.
+        let weight_n = flight.gate.vehicle.weight_n();
+        assert_eq!(flight.step(Some(Wrench::thrust(weight_n))).output.mode, Mode::Normal);
+    }
+    assert!((-0.9..-0.5).contains(&mean_m_s), "{mean_m_s} m/s");
+}
+
 /// Largest tilt within 0.5 s of full torque \[rad\], for `first_ms` about an axis `between_rad` from the later one.
 fn tilt_by_full_torque(
     unproven: Option<UnprovenRange>,

@@ -14,7 +14,12 @@ const MAX_FORCE_M_S2: f64 = 1000.0;
 const FORCE_WINDOW: f64 = 0.25;
 
 /// Longest time that one prediction bridges \[s\].
-const MAX_STEP_S: f64 = 0.02;
+pub(super) const MAX_STEP_S: f64 = 0.02;
+
+/// Time constant of the vertical speed in a descent \[s\], and by how much its thrust may differ from the weight: within
+/// this the gate needs no range of its own for it.
+const DESCENT_TIME_CONSTANT_S: f64 = 0.5;
+const DESCENT_THRUST_SHARE: f64 = 0.1;
 
 /// A rate older than this no longer damps anything \[ns\].
 const MAX_READING_AGE_NS: u64 = 20_000_000;
@@ -96,9 +101,26 @@ impl UpFilter {
         axis.try_normalize(1e-9).map_or_else(Vector3::zeros, |axis| axis * self.tilt_rad())
     }
 
+    /// Vertical acceleration of the vehicle by a reading of the specific force `force_b` \[m/s²\].
+    pub(super) fn climbing_m_s2(&self, force_b: &Vector3<f64>, gravity: f64) -> f64 {
+        force_b.dot(&self.up_b) - gravity
+    }
+
     pub(super) fn is_blind(&self, now_ns: u64) -> bool {
         now_ns.saturating_sub(self.reading_ns) > MAX_READING_AGE_NS
     }
+}
+
+/// Thrust that takes a level vehicle from the vertical speed `climb_m_s` to that of a descent \[N\].
+pub(super) fn descent_thrust_n(
+    vehicle: &VehicleParameters,
+    climb_m_s: f64,
+    descend_m_s: f64,
+) -> f64 {
+    let faster_m_s2 = (-descend_m_s - climb_m_s) / DESCENT_TIME_CONSTANT_S;
+    let share =
+        faster_m_s2 / vehicle.gravity_m_s2 - descend_m_s * vehicle.drag_n_s_m / vehicle.weight_n();
+    vehicle.weight_n() * (1.0 + share.clamp(-DESCENT_THRUST_SHARE, DESCENT_THRUST_SHARE))
 }
 
 /// α = ωₙ² e − 2 ζ ωₙ ω, τ = I(β) α, T = m g.

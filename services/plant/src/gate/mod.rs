@@ -19,7 +19,7 @@ pub use mode::Mode;
 
 use crate::sensors::ImuSample;
 use command::{CommandRange, Refusal};
-use level::{LevelLaw, UpFilter};
+use level::{LevelLaw, MAX_STEP_S, UpFilter, descent_thrust_n};
 use mode::{ModeLimits, Observation};
 
 /// Largest share of one reading in the filter, however long there was none before it.
@@ -90,6 +90,8 @@ shared_types::memory! {
         pub morph_angle_rad: f64,
         /// Instant of the last tick \[ns\].
         pub tick_ns: u64,
+        /// Vertical speed that the vehicle has gained in LEVEL \[m/s\].
+        pub climb_m_s: f64,
         /// LEVEL has found the vehicle calm, and need not brake as hard as RECOVER.
         pub levels_gently: bool,
         /// What happened since start.
@@ -130,6 +132,9 @@ pub struct Gate {
     filter: UpFilter,
     beta: MorphAngle,
     tick_ns: u64,
+    climb_m_s: f64,
+    descend_after_ns: u64,
+    descend_m_s: f64,
     levels_gently: bool,
     counters: GateCounters,
 }
@@ -170,6 +175,9 @@ impl Gate {
             filter: UpFilter::new(),
             beta: MorphAngle::MIN,
             tick_ns: 0,
+            climb_m_s: 0.0,
+            descend_after_ns: config.descend_after_ns(),
+            descend_m_s: config.descend_m_s,
             levels_gently: false,
             counters: GateCounters::default(),
         })
@@ -229,6 +237,9 @@ impl Gate {
             }
             Mode::Cut => Wrench::thrust(0.0),
         };
+        if self.descends(input.now_ns) {
+            wrench.thrust_n = descent_thrust_n(&self.vehicle, self.climb_m_s, self.descend_m_s);
+        }
         // Only a damaged memory gets here with a NaN.
         if !wrench.is_finite() {
             self.mode = Mode::Cut;
@@ -245,11 +256,23 @@ impl Gate {
         let Some(reading) = &input.reading else { return };
         if !self.filter.read(input.now_ns, reading) {
             self.counters.bad_readings += 1;
-        } else if !matches!(self.mode, Mode::Level { .. } | Mode::Recover { .. }) {
-            let share = (reading_s / self.filter_time_constant_s).min(MAX_CORRECTION);
-            let gravity = self.vehicle.gravity_m_s2;
-            self.filter.correct(&reading.specific_force_b_m_s2, gravity, share);
+            return;
         }
+        let (force_b, gravity) = (&reading.specific_force_b_m_s2, self.vehicle.gravity_m_s2);
+        if matches!(self.mode, Mode::Level { .. }) {
+            let step_s = reading_s.min(MAX_STEP_S);
+            self.climb_m_s += self.filter.climbing_m_s2(force_b, gravity) * step_s;
+        } else if !matches!(self.mode, Mode::Recover { .. }) {
+            let share = (reading_s / self.filter_time_constant_s).min(MAX_CORRECTION);
+            self.filter.correct(force_b, gravity, share);
+        }
+    }
+
+    /// True once LEVEL has kept the height for as long as it is to.
+    fn descends(&self, now_ns: u64) -> bool {
+        matches!(self.mode, Mode::Level { since_ns, .. }
+            if now_ns.saturating_sub(since_ns) >= self.descend_after_ns)
+            && !self.filter.is_blind(now_ns)
     }
 
     fn change_mode(&mut self, input: &GateInput, tick_s: f64, fresh: bool) {
@@ -270,6 +293,9 @@ impl Gate {
         self.mode = next;
         // Once calm it stays gentle until the vehicle is wild: noise at one bound does not change the law to and fro.
         let is_level = matches!(next, Mode::Level { .. });
+        if !is_level {
+            self.climb_m_s = 0.0;
+        }
         self.levels_gently = is_level && (seen.calm || self.levels_gently && !seen.wild);
     }
 
@@ -318,6 +344,7 @@ impl Gate {
             reading_ns: self.filter.reading_ns,
             morph_angle_rad: self.beta.rad(),
             tick_ns: self.tick_ns,
+            climb_m_s: self.climb_m_s,
             levels_gently: self.levels_gently,
             counters: self.counters,
         }
@@ -339,6 +366,7 @@ impl Gate {
         };
         self.beta = MorphAngle::saturating_from_rad(memory.morph_angle_rad).unwrap_or(self.beta);
         self.tick_ns = memory.tick_ns;
+        self.climb_m_s = memory.climb_m_s;
         self.levels_gently = memory.levels_gently;
         self.counters = memory.counters;
     }

@@ -10,6 +10,8 @@
 //!                                                                 CUT   (for good)
 //! ```
 //!
+//! LEVEL keeps the height for a while, and then descends.
+//!
 //! HOLD is left out where the vehicle is tilted or turns fast: a command that outlives its controller goes on turning it.
 //!
 //! When the owner trips, or what an unproven owner follows, while the vehicle is tilted or turns fast, all but CUT give

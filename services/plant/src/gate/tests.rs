@@ -57,7 +57,7 @@ fn it_starts_in_hover_and_waits_20_ms_for_the_first_command() {
 }
 
 #[test]
-fn without_commands_it_holds_the_last_one_then_levels_then_cuts_for_good() {
+fn without_commands_it_holds_the_last_then_levels_then_descends_then_cuts_for_good() {
     let mut gate = gate();
     let last = command(5 * MS);
     let taken = tick(&mut gate, 5 * MS, &[last]);
@@ -71,9 +71,12 @@ fn without_commands_it_holds_the_last_one_then_levels_then_cuts_for_good() {
     let weight = VehicleParameters::default().weight_n();
     assert!(matches!(level.mode, Mode::Level { since_ns, .. } if since_ns == 45 * MS));
     assert_eq!(level.wrench, Wrench::thrust(weight));
-    let cut = tick(&mut gate, 2045 * MS, &[]);
+    // The readings say that it does not sink.
+    let descent = silence(&mut gate, 2045, 6045);
+    assert_eq!((descent.mode, descent.wrench), (level.mode, Wrench::thrust(0.9 * weight)));
+    let cut = tick(&mut gate, 6045 * MS, &[]);
     assert_eq!((cut.mode, cut.wrench), (Mode::Cut, Wrench::thrust(0.0)));
-    let late = tick(&mut gate, 2046 * MS, &[command(2046 * MS)]);
+    let late = tick(&mut gate, 6046 * MS, &[command(6046 * MS)]);
     assert_eq!((late.mode, late.wrench), (Mode::Cut, Wrench::thrust(0.0)));
     assert_eq!(late.counters.safe_mode_episodes, 1);
 }
