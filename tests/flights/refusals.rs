@@ -286,20 +286,37 @@ fn a_stranger_that_forges_commands_states_and_records_changes_no_bit_and_is_name
 }
 
 #[test]
-fn a_service_that_another_program_removes_in_flight_is_told_and_the_flight_goes_on() {
-    let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "2"]);
-    let services = format!("/dev/shm/mq-{}/ipc/services", running.id());
-    let mut files = std::fs::read_dir(&services).expect("services").flatten();
-    let file = files.next().expect("a service").path();
-    std::fs::remove_file(&file).expect("it is ours");
+fn services_that_another_program_removes_in_flight_are_put_back_and_told() {
+    // Whatever joins or is started again opens most of them anew.
+    let scenario = ["hover", "--for", "3s", "--fault", "kill:estimator@2s"];
+    let expected = fly_released(&scenario, "1s");
+    let held = Held::start(&scenario, "1s");
+    let run = held.running.id().to_owned();
+    let services = format!("/dev/shm/mq-{run}/ipc/services");
+    let (listed, objects) = (files_in(&services), files_in("/dev/shm"));
+    let prefix = format!("/dev/shm/mqshm-{run}_");
+    let of_services = |path: &PathBuf| {
+        let path = path.to_str().expect("a name");
+        path.starts_with(&prefix) && path.ends_with(".dynamic")
+    };
+    let removed: Vec<_> =
+        listed.into_iter().chain(objects.into_iter().filter(of_services)).collect();
+    assert!(removed.len() > 100, "{removed:?}");
+    for file in &removed {
+        std::fs::remove_file(file).expect("it is ours");
+    }
+    wait_until("they are put back", || removed.iter().all(|file| file.exists()));
+    let flown = held.release();
+    assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
+    assert!(flown.number("recovered_crashes") > 0.0, "{}", flown.said());
     let text = "another program has removed services of this run (";
-    let recording = running.recording_path().expect("it flies");
-    wait_until("it is told", || Recording::read(&recording).mentions(text));
-    running.fly_on(0.5);
-    assert!(kill(running.launcher_pid(), Signal::INT));
-    let flown = running.wait();
-    flown.assert_undisturbed();
-    flown.assert_is_the_shorter("hover");
-    let told = flown.stderr.matches(text).count();
-    assert_eq!(told, 1, "{}", flown.said());
+    let lines: Vec<_> = flown.stderr.lines().filter(|line| line.contains(text)).collect();
+    assert!(matches!(lines[..], [line] if line.ends_with("): they are there again")), "{lines:?}");
+    let recording = flown.summary()["recording"].as_str().map(Path::new).expect("it is recorded");
+    assert!(Recording::read(recording).mentions(text));
+}
+
+fn files_in(folder: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).expect("a folder").flatten();
+    entries.map(|entry| entry.path()).collect()
 }

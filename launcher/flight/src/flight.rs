@@ -28,7 +28,7 @@ use protocol::topic::feed::Flying;
 use record::{Recorder, Severity};
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, LatestPort};
-use runtime::namespace::{Membership, sweep_dead_runs};
+use runtime::namespace::{Membership, Reservation, sweep_dead_runs};
 use runtime::watch::StopFlags;
 use runtime::{Graph, MarkView as _};
 use scenario::needs::shared_memory_mb;
@@ -182,8 +182,12 @@ struct Flight {
     known_strays: usize,
     /// When this launcher looked last, by `CLOCK_MONOTONIC` \[ns\].
     looked_ns: Option<u64>,
-    /// When to look again whether all services are there \[ns\].
-    next_service_look_ns: u64,
+    /// When to look again at all files of the run in shared memory \[ns\].
+    next_file_look_ns: u64,
+    /// How often services were put back.
+    removals: u32,
+    /// Takes the memory of what has been made since, where none is locked.
+    reservation: Option<Reservation>,
     /// The clock as the run's processes hear it.
     clock_reader: LatestPort<ClockRecord>,
     progress: Option<indicatif::ProgressBar>,
@@ -200,10 +204,10 @@ impl Flight {
             self.tap.drain(now_ns);
             let drained = self.drained_ns();
             self.name_standstill(now_ns);
+            self.look_at_files(now_ns);
             let looked_after = self.look_after(now_ns).and_then(|()| self.follow_script(now_ns));
             self.publish_notices(drained);
             self.name_strays();
-            self.name_vanished_services(now_ns);
             if let Err(error) = looked_after {
                 return Outcome::Lost(error.to_string());
             }

@@ -2,22 +2,32 @@
 
 use runtime::Graph;
 use runtime::ipc::{Bus, HANDOVER_DEPTH, PortError, STATE_DEPTH, ServiceKind, WakeNotifier};
+use runtime::namespace::SpareLinks;
 use shared_types::wire::Wire;
 use shared_types::{
     ClockRecord, Hello, Progress, Registry, Role, Sample, Seat, Topic, TopicInfo, TopicVisitor,
     topics,
 };
 use std::any::Any;
-use std::collections::BTreeSet;
+use std::io;
 
 /// Keeps the services alive; children only open what is held here.
 #[derive(Debug)]
 pub struct HeldServices {
     _factories: Vec<Box<dyn Any>>,
-    /// Names of those that were there at the last look.
+    /// Their names.
     names: Vec<String>,
-    /// Their files.
-    files: BTreeSet<u64>,
+    /// What puts them back, in a run that other processes join.
+    spare: Option<SpareLinks>,
+}
+
+/// Services that another program has removed, or made anew.
+#[derive(Debug)]
+pub struct RemovedServices {
+    /// Their names, as far as they could be told.
+    pub names: Vec<String>,
+    /// Whether they could be put back.
+    pub put_back: io::Result<()>,
 }
 
 /// Makes services, or finds those of a launcher that has died and makes what is missing: another program may have freed
@@ -63,9 +73,8 @@ impl<'a> Holder<'a> {
         self.names.push(name);
     }
 
-    fn held(self) -> HeldServices {
-        let files = self.bus.service_files();
-        HeldServices { _factories: self.factories, names: self.names, files }
+    fn held(self, spare: Option<SpareLinks>) -> HeldServices {
+        HeldServices { _factories: self.factories, names: self.names, spare }
     }
 
     fn creates(&self, service: &str) -> bool {
@@ -158,24 +167,28 @@ impl HeldServices {
         }
         holder.seat(seat)?;
         holder.launcher()?;
-        Ok(holder.held())
+        Ok(holder.held(None))
     }
 
-    /// Services that have gone since the last look, perhaps for others of their names: any client of the transport can
-    /// remove one by force.
-    pub fn vanished(&mut self, bus: &Bus) -> Vec<String> {
-        let files = bus.service_files();
-        if self.files.is_subset(&files) {
-            return Vec::new();
+    /// Puts back what another program has removed since the last look, perhaps for others of their names: any client of
+    /// the transport can remove a service by force. What is seen at once is a change in the list of services, everything
+    /// else only if `all_files` are to be looked at.
+    pub fn put_back(&mut self, bus: &Bus, all_files: bool) -> Option<RemovedServices> {
+        let spare = self.spare.as_mut()?;
+        if !(all_files || spare.may_be_needed()) || spare.are_all_in_place() {
+            return None;
         }
-        self.files = files;
-        let names = core::mem::take(&mut self.names).into_iter();
-        let (held, mut vanished): (_, Vec<_>) = names.partition(|name| bus.has_service(name));
-        self.names = held;
-        if vanished.is_empty() {
-            vanished.push("one that has been made anew".to_owned());
+        let mut names: Vec<_> =
+            self.names.iter().filter(|name| !bus.has_service(name)).cloned().collect();
+        if names.is_empty() {
+            names.push("one whose files are others now".to_owned());
         }
-        vanished
+        let put_back = spare.put_back();
+        if put_back.is_err() {
+            // It is told once.
+            self.spare = None;
+        }
+        Some(RemovedServices { names, put_back })
     }
 
     fn hold(bus: &Bus, way: Way) -> Result<Self, PortError> {
@@ -183,7 +196,8 @@ impl HeldServices {
         topics::visit_all(&mut holder)?;
         Role::STEPPING.into_iter().flat_map(Seat::all).try_for_each(|seat| holder.seat(seat))?;
         holder.launcher()?;
-        Ok(holder.held())
+        let spare = bus.spare_services()?;
+        Ok(holder.held(Some(spare)))
     }
 }
 

@@ -17,10 +17,10 @@ use record::Recorder;
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, LatestPort, ServiceKind};
-use runtime::namespace::Membership;
+use runtime::namespace::{BASE, Membership};
 use runtime::watch::StopFlags;
 use scenario::Scenario;
-use scenario::needs::instance_mb;
+use scenario::needs::{LOCKED_MEMORY_MB, instance_mb, reserves};
 use scenario::orders::Planner;
 use scenario::process::OWN_EXECUTABLE;
 use scenario::process::has_process;
@@ -29,7 +29,8 @@ use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Hello, Role};
 use simulate::Sinks;
 use simulate::setup::{
-    Pin, RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar, system,
+    Pin, RunError, RunOptions, allowed_processors, clock_of, free_shared_memory_mb, pinned_cpu,
+    progress_bar, system,
 };
 use swap::child::{ChildSpec, Launch};
 use swap::services::{HeldServices, Wakers};
@@ -58,7 +59,7 @@ pub(super) fn restart_policy(scenario: &Scenario) -> RestartPolicy {
         backoff_ns: ns_from_s(launcher.restart_backoff_s),
         backoff_max_ns: ns_from_s(launcher.restart_backoff_max_s),
         limit: launcher.restart_limit as usize,
-        room_mb: instance_mb(scenario.settings(), may_lock_memory()),
+        room_mb: instance_mb(scenario.settings()),
     }
 }
 
@@ -131,6 +132,7 @@ impl Flight {
         sinks.slot_watch = Some(if is_lockstep { watch } else { watch.by_the_wall() });
         sinks.feed = live.take_feed();
         let clock_reader = LatestPort::clock(&bus)?;
+        let reservation = reserves(settings, may_lock_memory()).then(|| bus.reservation());
         Ok(Self {
             tap: Tap::open(&bus, &graph, sinks)?,
             conductor,
@@ -157,11 +159,26 @@ impl Flight {
             monitored_ns: 0,
             known_strays: 0,
             looked_ns: None,
-            next_service_look_ns: 0,
+            next_file_look_ns: 0,
+            removals: 0,
+            reservation,
             clock_reader,
             progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),
             notices: Vec::new(),
         })
+    }
+
+    /// Takes the memory of a realtime flight that does not lock it, if there is so much.
+    fn begin_reservation(&mut self) {
+        let has_room = || free_shared_memory_mb().is_ok_and(|mb| mb >= LOCKED_MEMORY_MB);
+        if self.reservation.is_some() && !has_room() {
+            self.reservation = None;
+            self.say(&format!(
+                "the memory of this flight is neither locked nor reserved, for which {BASE} has no {LOCKED_MEMORY_MB} MB: \
+                 a program that fills it can end the flight"
+            ));
+        }
+        self.reserve_memory();
     }
 
     /// Starts all processes and waits until they are ready, then starts the clock.
@@ -207,6 +224,7 @@ impl Flight {
             self.answer(mono_now_ns()).map_err(not_ready)?;
             sleep_until(mono_now_ns() + LOOK_EVERY_NS);
         }
+        self.begin_reservation();
         let realtime = self.conductor.mode() == ClockMode::Realtime;
         let start_ns = mono_now_ns() + if realtime { COUNTDOWN_NS } else { 0 };
         if let Some(recording) = &mut self.tap.sinks.recording {

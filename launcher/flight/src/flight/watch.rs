@@ -3,14 +3,18 @@
 use super::Flight;
 use crate::stall::{StallCheck, stalled};
 use record::Severity;
+use runtime::namespace::{BASE, Reservation};
 use shared_types::time::s_from_ns;
 use shared_types::{ClockMode, RegistryEntry, Role, Seat};
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use swap::{FlightError, Slots};
 
-/// How often the services are looked after \[ns\].
-const SERVICE_LOOK_NS: u64 = 500_000_000;
+/// How often all files of the run in shared memory are looked at \[ns\].
+const FILE_LOOK_NS: u64 = 500_000_000;
+
+/// How often it is told that services were put back: a program that goes on removing them fills no summary.
+const MAX_REMOVALS_TOLD: u32 = 8;
 
 /// From how long on a standstill of the launcher is told: its readers keep what is said in a second \[ns\].
 const STANDSTILL_NS: u64 = 500_000_000;
@@ -37,23 +41,45 @@ impl Flight {
         self.known_strays = strays.len();
     }
 
-    /// Says so when a service is no longer there: nothing flies worse for it, but whatever dies stays dead.
-    pub(super) fn name_vanished_services(&mut self, now_ns: u64) {
-        if now_ns < self.next_service_look_ns {
+    /// Looks after what the run has in shared memory.
+    pub(super) fn look_at_files(&mut self, now_ns: u64) {
+        let all_files = now_ns >= self.next_file_look_ns;
+        self.keep_services(all_files);
+        if all_files {
+            self.next_file_look_ns = now_ns + FILE_LOOK_NS;
+            self.reserve_memory();
+        }
+    }
+
+    /// Takes the memory of what has been made since the last time, in a flight that reserves it.
+    pub(super) fn reserve_memory(&mut self) {
+        let Some(Err(error)) = self.reservation.as_mut().map(Reservation::extend) else { return };
+        self.reservation = None;
+        self.notice(&format!(
+            "cannot reserve shared memory for what has joined ({error}): a program that fills {BASE} can end the flight"
+        ));
+    }
+
+    /// Puts services back that are no longer there, before any process is started that would look for them, and says so.
+    fn keep_services(&mut self, all_files: bool) {
+        let Some(removed) = self.services.put_back(&self.bus, all_files) else { return };
+        self.removals += 1;
+        if self.removals > MAX_REMOVALS_TOLD {
             return;
         }
-        self.next_service_look_ns = now_ns + SERVICE_LOOK_NS;
-        let vanished = self.services.vanished(&self.bus);
-        if !vanished.is_empty() {
-            let text = format!(
-                "another program has removed services of this run ({}): what flies goes on, but no process can join or be \
-                 started again; end the flight",
-                vanished.join(", ")
-            );
-            let at_ns = self.drained_ns;
-            self.tap.sinks.note(at_ns, Severity::Warning, "launcher", &text);
-            self.notice(&text);
-        }
+        let what_then = match removed.put_back {
+            Ok(()) => "they are there again".to_owned(),
+            Err(error) => format!(
+                "they cannot be put back ({error}); what flies goes on, but no process can join or be started again: \
+                 end the flight"
+            ),
+        };
+        let names = removed.names.join(", ");
+        let text =
+            format!("another program has removed services of this run ({names}): {what_then}");
+        let at_ns = self.drained_ns;
+        self.tap.sinks.note(at_ns, Severity::Warning, "launcher", &text);
+        self.notice(&text);
     }
 
     /// Says that this launcher itself stood still for long in realtime: what it could not record in that time is missing

@@ -9,13 +9,17 @@
 
 mod look;
 mod names;
+mod reservation;
 mod segment;
+mod spare;
 
 pub use crate::namespace_error::NamespaceError;
 pub use look::{
     active_runs, dead_runs, living_runs, orphans, remove_incomplete_objects, sweep_dead_runs,
 };
 pub use names::BASE;
+pub use reservation::Reservation;
+pub use spare::SpareLinks;
 
 use crate::leader::{LeadError, LeaderLock};
 use crate::namespace_error::failed;

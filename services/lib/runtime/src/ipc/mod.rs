@@ -22,6 +22,7 @@ pub use state::{StatePublisher, StateService, StateSubscriber};
 pub use wake::{WakeListener, WakeNotifier};
 
 use crate::graph::READER_CAPACITY;
+use crate::namespace::{Reservation, SpareLinks};
 use iceoryx2::prelude::{
     AttributeSpecifier, CallbackProgression, Config, FilePath, LogLevel, MessagingPattern,
     Node as IpcNode, NodeBuilder, NodeState, SemanticString, Service as _, ServiceName,
@@ -30,11 +31,9 @@ use iceoryx2::prelude::{
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::{Schema, Wire};
 use shared_types::{Edge, NodeId, Role, Sample, Topic, TopicInfo, topics};
-use std::collections::BTreeSet;
-use std::os::unix::fs::DirEntryExt as _;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use std::{fs, io};
 use thiserror::Error;
 
 /// The service variant used throughout.
@@ -113,6 +112,14 @@ pub enum PortError {
     /// The run cannot be led.
     #[error("cannot say in {} who leads the run: {source}", folder.display())]
     Lead {
+        /// The run's folder.
+        folder: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// The services of the run cannot be linked a second time.
+    #[error("cannot link the services of the run in {}: {source}", folder.display())]
+    Spare {
         /// The run's folder.
         folder: PathBuf,
         /// Why not.
@@ -204,6 +211,21 @@ impl Bus {
     pub fn lead(&self) -> Result<(), PortError> {
         lead::claim(&self.folder, self.identity())
             .map_err(|error| PortError::Lead { folder: self.folder.clone(), source: error })
+    }
+
+    /// Links the files of all services that the run has now.
+    ///
+    /// # Errors
+    /// The run's folder cannot be written.
+    pub fn spare_services(&self) -> Result<SpareLinks, PortError> {
+        SpareLinks::make(&self.folder)
+            .map_err(|source| PortError::Spare { folder: self.folder.clone(), source })
+    }
+
+    /// What takes the memory of the run's objects before it is written to.
+    #[must_use]
+    pub fn reservation(&self) -> Reservation {
+        Reservation::new(&self.folder)
     }
 
     fn node(&self) -> &IpcNode<Ipc> {
@@ -316,13 +338,6 @@ impl Bus {
             .publish_subscribe::<T>()
             .open()
             .map_err(PortError::transport(service, "open the service"))
-    }
-
-    /// The services of the run, as numbers by which one that is made anew differs from the one before it.
-    #[must_use]
-    pub fn service_files(&self) -> BTreeSet<u64> {
-        let files = fs::read_dir(self.folder.join("ipc").join("services"));
-        files.into_iter().flatten().flatten().map(|entry| entry.ino()).collect()
     }
 
     /// False once a service is gone: a process that has opened it keeps it, and none can open it any more.

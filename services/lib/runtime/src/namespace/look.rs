@@ -192,7 +192,7 @@ pub fn remove_incomplete_objects(folder: &Path) {
 }
 
 /// The run's shared-memory objects, beside its folder.
-fn objects_of(folder: &Path) -> impl Iterator<Item = fs::DirEntry> {
+pub(super) fn objects_of(folder: &Path) -> impl Iterator<Item = fs::DirEntry> + use<> {
     let name = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     let id = run_of_folder(name).map(str::to_owned);
     let base = folder.parent().unwrap_or_else(|| Path::new(BASE));
