@@ -8,8 +8,8 @@ mod tape;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use scenario::Override;
-use scenario::services::{SLOTS, names_for};
-use shared_types::Role;
+use scenario::services::names_for;
+use shared_types::{Role, Slot};
 use std::io::Write as _;
 use tape::{Flight, Replay};
 
@@ -36,13 +36,14 @@ fn print_single_steps(name: &str, replay: &mut Replay<'_>) {
 
 /// Assignments that have each service of a slot once, the default one first.
 fn assignments() -> impl Iterator<Item = Vec<Override>> {
-    let most = SLOTS.into_iter().map(|slot| names_for(slot).count()).max().unwrap_or(0);
-    (0..most).map(|index| {
+    let slots = Slot::ALL.map(Slot::role);
+    let most = slots.into_iter().map(|slot| names_for(slot).count()).max().unwrap_or(0);
+    (0..most).map(move |index| {
         let pick = |slot: Role| {
             let name = names_for(slot).nth(index).or(names_for(slot).next())?;
             Override::controller(&format!("{}={name}", slot.label())).ok()
         };
-        SLOTS.into_iter().filter_map(pick).collect()
+        slots.into_iter().filter_map(pick).collect()
     })
 }
 

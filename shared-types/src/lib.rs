@@ -5,6 +5,7 @@
 //! * One file per group of arrows holds the sample types: [`sensors`], [`estimate`], [`guidance`],
 //!   [`control`], [`actuation`], [`disturbance`], [`order`], [`trip`],
 //!   [`supervision`], [`loops`].
+//! * [`slots`] has the roles whose process can be exchanged in flight, and what tells them apart.
 //! * [`time`] converts between seconds and nanoseconds.
 //! * [`wire`] describes a sample's layout to readers (field names, kinds, offsets) and hashes it, so
 //!   that two builds which disagree about a type refuse each other.
@@ -22,6 +23,7 @@ pub mod loops;
 mod macros;
 pub mod order;
 pub mod sensors;
+pub mod slots;
 pub mod supervision;
 pub mod time;
 pub mod topics;
@@ -44,6 +46,7 @@ pub use order::{
     OrderedDisturbance, PositionDiversion,
 };
 pub use sensors::{Barometer, Imu, MorphAngle, PoseFix, RangeFinder};
+pub use slots::{Slot, SlotSpec};
 pub use supervision::{
     ClockMode, ClockRecord, Handover, Hello, NO_SEAT, NodeId, OwnerRecord, Progress,
     REGISTRY_LINES, Registry, RegistryEntry, Role, SEATS, Seat,

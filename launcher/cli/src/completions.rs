@@ -7,7 +7,7 @@ use clap::{Arg, Command, CommandFactory as _, ValueHint};
 use clap_complete::Shell;
 use host::exit;
 use scenario::{services, shipped};
-use shared_types::topics;
+use shared_types::{Slot, topics};
 use std::io::{self, Write};
 
 /// Writes a shell's completions.
@@ -52,7 +52,7 @@ fn with_words_of(arg: Arg) -> Arg {
 fn words(value: &str) -> Vec<String> {
     let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '|';
     match value {
-        "SLOT" => services::SLOTS.map(|slot| slot.label().to_owned()).to_vec(),
+        "SLOT" => Slot::ALL.map(|slot| slot.label().to_owned()).to_vec(),
         "SLOT=NAME" => services::fillings(),
         "NAME|EXE" | "EXE|NAME" => controllers(),
         "TOPIC|FILE" | "FILE|TOPIC" => topic_names(),
@@ -64,7 +64,7 @@ fn words(value: &str) -> Vec<String> {
 }
 
 fn controllers() -> Vec<String> {
-    let names = services::SLOTS.into_iter().flat_map(services::names_for);
+    let names = Slot::ALL.into_iter().flat_map(|slot| services::names_for(slot.role()));
     names.map(ToOwned::to_owned).collect()
 }
 

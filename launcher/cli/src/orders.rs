@@ -11,9 +11,10 @@ use host::exit;
 use protocol::control::client::Conversation;
 use protocol::control::protocol::SwapRequest;
 use protocol::control::{Reply, Request, runs};
-use scenario::candidate::{Candidate, Slot};
+use scenario::candidate::Candidate;
 use scenario::orders::{Goto, Morph, Order};
 use serde_json::json;
+use shared_types::Slot;
 use std::io::Write;
 use std::path::Path;
 

@@ -6,8 +6,9 @@
 //! Forces are in the world frame (ENU), body rates in the body frame (FLU).
 
 use crate::limits::PUSH_S;
-use crate::{Facts, Limits, Slot, Snapshot};
+use crate::{Facts, Limits, Snapshot};
 use serde::{Deserialize, Serialize};
+use shared_types::Slot;
 
 /// An axis: of the body for kicks, of the world for pushes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

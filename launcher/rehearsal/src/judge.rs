@@ -4,8 +4,9 @@ use crate::limits::NOT_FINITE;
 use crate::loss::Lost;
 use crate::{
     Challenge, Facts, Figure, Limits, Measure, Moment, Posture, RehearsalFigures, RehearsalRefusal,
-    Schedule, Slot, Track, Tube,
+    Schedule, Track, Tube,
 };
+use shared_types::Slot;
 
 /// Last part of a window, as a share of it, in which a good controller has recovered.
 const REST_SHARE: f64 = 0.4;

@@ -22,7 +22,7 @@ mod watcher;
 pub use challenge::{Axis, Challenge, Schedule, Sweep, Trial, schedule};
 pub use draw::{DRAWS, Draw, draws};
 pub use judge::{Flown, judge, lost};
-pub use limits::{Facts, Limits, Slot};
+pub use limits::{Facts, Limits};
 pub use loss::Lost;
 pub use snapshot::{Guidance, Instance, Snapshot, Turn, Way};
 pub use track::{Moment, Motion, Posture, Track, Wanted};

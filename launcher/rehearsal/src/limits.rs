@@ -1,20 +1,9 @@
 //! Capabilities of the vehicle, from which the size of the challenges and of the tube follow.
 
-use serde::{Deserialize, Serialize};
 use vehicle::{Agility, MorphAngle, VehicleParameters};
 
 /// Replaces an error that is not a number, because JSON cannot represent NaN.
 pub(crate) const NOT_FINITE: f64 = f64::MAX;
-
-/// The slot that a candidate is to take.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Slot {
-    /// The slot of the attitude controller, which computes torques.
-    Attitude,
-    /// The slot of the position controller, which computes thrust and attitude set points.
-    Position,
-}
 
 /// Parameters of the vehicle, its loops and its plan that a rehearsal depends on.
 #[derive(Debug, Clone, Copy)]

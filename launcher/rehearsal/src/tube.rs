@@ -1,8 +1,9 @@
 //! The tube of permitted errors: an envelope from the vehicle's limits, tightened to the owner's error.
 
 use crate::limits::NOT_FINITE;
-use crate::{Axis, Challenge, Facts, Limits, Slot, Trial};
+use crate::{Axis, Challenge, Facts, Limits, Trial};
 use serde::{Deserialize, Serialize};
+use shared_types::Slot;
 
 /// What is measured in the window of a challenge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

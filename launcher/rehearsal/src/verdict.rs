@@ -1,8 +1,9 @@
 //! The verdict of a rehearsal, as numbers and as a sentence.
 
-use crate::{Challenge, Figure, Lost, Posture, Slot};
+use crate::{Challenge, Figure, Lost, Posture};
 use core::fmt;
 use serde::{Deserialize, Serialize};
+use shared_types::Slot;
 use thiserror::Error;
 
 /// Everything that was measured in a rehearsal.

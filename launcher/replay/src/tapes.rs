@@ -5,7 +5,7 @@ use super::life_key::LifeKey;
 use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight, RecordedState};
 use runtime::graph::CREDIT_NS;
 use shared_types::{
-    Deviation, DeviationKind, Header, LoopStats, Role, Sample, Seating, SeatingKind, Topic,
+    Deviation, DeviationKind, Header, LoopStats, Role, Sample, Seating, SeatingKind, Slot, Topic,
     TopicInfo, topics,
 };
 use std::any::Any;
@@ -84,11 +84,8 @@ impl Recorded {
     /// Seat and generation of those who took a free seat of a slot in flight, and since when they have had it, as far
     /// as the slot's owner records are among the inputs \[ns\].
     pub(super) fn free_seats_taken(&self, slot: Role) -> Vec<((u32, u32), u64)> {
-        let records = match slot {
-            Role::Attitude => self.tapes.of(&topics::ATTITUDE_OWNER),
-            Role::Position => self.tapes.of(&topics::POSITION_OWNER),
-            _ => return Vec::new(),
-        };
+        let Some(spec) = Slot::of(slot).map(Slot::spec) else { return Vec::new() };
+        let records = self.tapes.of(spec.owner);
         let joined = self.joined.iter().filter(|((role, ..), _)| *role == slot);
         let taken = joined.filter_map(|((_, seat, generation), joined_ns)| {
             let index = usize::try_from(*seat).ok()?;

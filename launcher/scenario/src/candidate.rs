@@ -1,10 +1,9 @@
-//! Slots, and who can be asked to take them over.
+//! Who can be asked to take a slot over.
 
 use crate::services;
 use crate::suggestion;
 use rustix::fs::{Access, access};
-use serde::{Deserialize, Serialize};
-use shared_types::Role;
+use shared_types::Slot;
 use std::ffi::OsStr;
 use std::fs::File;
 use std::io::Read as _;
@@ -19,44 +18,6 @@ const ELF_HEAD: u64 = 20;
 
 /// How executables begin that are services by their name alone.
 const PREFIX: &str = "morphquad-";
-
-/// A place in the data flow whose process can be exchanged in flight.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, schemars::JsonSchema,
-)]
-#[serde(rename_all = "lowercase")]
-pub enum Slot {
-    /// Torques for the attitude set point.
-    Attitude,
-    /// Thrust and tilt for the trajectory.
-    Position,
-}
-
-impl Slot {
-    /// Every slot.
-    pub const ALL: [Self; 2] = [Self::Attitude, Self::Position];
-
-    /// Role that fills it.
-    #[must_use]
-    pub fn role(self) -> Role {
-        match self {
-            Self::Attitude => Role::Attitude,
-            Self::Position => Role::Position,
-        }
-    }
-
-    /// As written in commands and scenarios.
-    #[must_use]
-    pub fn label(self) -> &'static str {
-        self.role().label()
-    }
-
-    /// The slot of that name.
-    #[must_use]
-    pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|slot| slot.label() == name)
-    }
-}
 
 /// Who shall take a slot over.
 #[derive(Debug, Clone, PartialEq, Eq)]

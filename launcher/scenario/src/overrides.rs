@@ -4,9 +4,10 @@ use super::document::Edit;
 use super::problem::{Place, Problem, ScenarioError};
 use super::shell::shell_word;
 use super::suggest;
-use crate::candidate::{Slot, share};
+use crate::candidate::share;
 use crate::services::{self, LOOPS, Loop};
 use miette::NamedSource;
+use shared_types::Slot;
 
 /// One edit of the scenario, remembered with the flag that asked for it.
 #[derive(Debug, Clone)]

@@ -6,13 +6,14 @@ mod tests;
 use super::problem::Complaint;
 use super::settings::Settings;
 use super::suggest;
-use crate::candidate::{Candidate, NoCandidate, Slot, name_of, unstartable};
+use crate::candidate::{Candidate, NoCandidate, name_of, unstartable};
 use crate::process::has_process;
 use crate::services::Assignment;
 use garde::Validate;
 use runtime::Graph;
-use schemars::JsonSchema;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
+use shared_types::Slot;
 use std::path::PathBuf;
 
 /// Control periods that a flip may take after the shadow window.
@@ -24,6 +25,7 @@ const FLIP_PERIODS: f64 = 3.0;
 pub struct SwapSettings {
     /// Slot.
     #[garde(skip)]
+    #[schemars(schema_with = "slot_schema")]
     pub slot: Slot,
     /// Name of a controller, or path of an executable.
     #[garde(length(min = 1, max = 4096))]
@@ -55,6 +57,10 @@ pub struct SwapSettings {
     pub config: Option<PathBuf>,
 }
 
+fn slot_schema(_: &mut SchemaGenerator) -> Schema {
+    json_schema!({ "type": "string", "enum": Slot::ALL.map(Slot::label) })
+}
+
 /// How long a candidate shadows unless told otherwise \[s\].
 pub const SHADOW_S: f64 = 1.0;
 
@@ -72,6 +78,7 @@ fn rollback_s() -> f64 {
 pub struct StandbySettings {
     /// Slot.
     #[garde(skip)]
+    #[schemars(schema_with = "slot_schema")]
     pub slot: Slot,
     /// Name of a controller, or path of an executable.
     #[garde(length(min = 1, max = 4096))]

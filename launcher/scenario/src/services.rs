@@ -2,7 +2,7 @@
 
 use crate::Settings;
 use runtime::graph::ROLES;
-use shared_types::Role;
+use shared_types::{Role, Slot};
 
 /// Who steps, and at what rate.
 #[derive(Debug)]
@@ -83,16 +83,12 @@ pub fn rate_hz(name: &str, settings: &Settings) -> Option<f64> {
     Loop::named(name).map(|found| (found.rate_hz)(settings))
 }
 
-/// Roles whose owner can change.
-pub const SLOTS: [Role; 2] = [Role::Attitude, Role::Position];
-
 /// A slot and the service that is to fill it, by their names.
 ///
 /// # Errors
 /// What is wrong with them.
 pub fn filling(slot: &str, name: &str) -> Result<(Role, &'static str), &'static str> {
-    let role = SLOTS.into_iter().find(|role| role.label() == slot);
-    let role = role.ok_or("there is no such slot")?;
+    let role = Slot::named(slot).ok_or("there is no such slot")?.role();
     let service = names_for(role).find(|service| *service == name);
     Ok((role, service.ok_or("no service of this name fills the slot")?))
 }
@@ -101,7 +97,7 @@ pub fn filling(slot: &str, name: &str) -> Result<(Role, &'static str), &'static 
 #[must_use]
 pub fn fillings() -> Vec<String> {
     let names = |role: Role| names_for(role).map(move |name| format!("{}={name}", role.label()));
-    SLOTS.into_iter().flat_map(names).collect()
+    Slot::ALL.into_iter().flat_map(|slot| names(slot.role())).collect()
 }
 
 /// Services that fill `role`.

@@ -7,7 +7,7 @@ use protocol::topic::feed::{Ending, Feed};
 use record::read::seat_config;
 use record::{Event, Keyframes, Recorder, SequenceAudit, SequenceCheck, Severity, Stream};
 use runtime::StateHeader;
-use shared_types::{Header, Role, Sample, Seat, Seating, Topic, TopicInfo, topics};
+use shared_types::{Header, Role, Sample, Seat, Seating, Slot, Topic, TopicInfo, topics};
 use swap::SlotWatch;
 
 /// A recording in lockstep stamps with logical time and asks for no receipt \[ns\].
@@ -221,7 +221,8 @@ impl Observer for Sinks {
 
 /// True if a topic's samples belong to a flight in which `roles` take part.
 fn is_flown(topic: &TopicInfo, roles: &[Role]) -> bool {
+    let stand_in = Slot::of(topic.from).and_then(|slot| slot.spec().stand_in);
     topic.from == Role::Supervisor
         || roles.contains(&topic.from)
-        || (topic.from == Role::Position && roles.contains(&Role::Pilot))
+        || stand_in.is_some_and(|role| roles.contains(&role))
 }

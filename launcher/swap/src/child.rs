@@ -11,8 +11,8 @@ use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, getpgid, kill_process_group, pidfd_open,
     pidfd_send_signal, waitid,
 };
-use scenario::candidate::Slot;
 use serde::{Deserialize, Serialize};
+use shared_types::Slot;
 use std::io;
 use std::os::fd::{AsFd as _, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};

@@ -4,7 +4,7 @@ use runtime::ipc::{Bus, IpcSink, PortError, ServiceKind};
 use runtime::{SeatMarks, Sink as _};
 use shared_types::{
     Flag, Header, NO_SEAT, NodeId, OwnerRecord, REGISTRY_LINES, Registry, RegistryEntry, Role,
-    SEATS, Seat, topics,
+    SEATS, Seat, Slot, SlotSpec,
 };
 
 /// Keeps the registry.
@@ -99,13 +99,12 @@ impl SlotOwner {
     /// # Errors
     /// If a service of the transport cannot be opened.
     pub fn open_all(bus: &Bus) -> Result<Vec<Self>, PortError> {
-        let slots =
-            [(Role::Attitude, &topics::ATTITUDE_OWNER), (Role::Position, &topics::POSITION_OWNER)];
-        let open = |(role, topic)| {
+        let open = |slot: Slot| {
+            let SlotSpec { role, owner, .. } = *slot.spec();
             let last = OwnerRecord { slot: role, fallback: NO_SEAT, ..OwnerRecord::default() };
-            Ok(Self { role, sink: bus.writer(topic)?, last })
+            Ok(Self { role, sink: bus.writer(owner)?, last })
         };
-        slots.into_iter().map(open).collect()
+        Slot::ALL.into_iter().map(open).collect()
     }
 
     /// The last record; of epoch 0 before the first.

@@ -1,8 +1,8 @@
 //! What is to be rehearsed before a swap.
 
 use rehearsal::Snapshot;
-use scenario::candidate::Slot;
 use serde::{Deserialize, Serialize};
+use shared_types::Slot;
 use std::path::PathBuf;
 
 /// What to rehearse: candidate, slot, scenario and state of the vehicle. The launcher passes it as JSON.

@@ -5,8 +5,8 @@ use runtime::ipc::{Bus, HANDOVER_DEPTH, PortError, STATE_DEPTH, ServiceKind, Wak
 use runtime::namespace::SpareLinks;
 use shared_types::wire::Wire;
 use shared_types::{
-    ClockRecord, Hello, Progress, Registry, Role, Sample, Seat, Topic, TopicInfo, TopicVisitor,
-    topics,
+    ClockRecord, Hello, Progress, Registry, Role, Sample, Seat, Slot, Topic, TopicInfo,
+    TopicVisitor, topics,
 };
 use std::any::Any;
 use std::io;
@@ -205,14 +205,10 @@ impl HeldServices {
 #[must_use]
 pub fn concerns(graph: &Graph, role: Role, topic: &TopicInfo) -> bool {
     // Owner records tell each member of a slot when to leave; statistics are about every loop.
-    let of_all = [
-        &topics::ATTITUDE_OWNER.info,
-        &topics::POSITION_OWNER.info,
-        &topics::LOOP_STATS.info,
-        &topics::DEVIATION.info,
-    ];
+    let of_all = [&topics::LOOP_STATS.info, &topics::DEVIATION.info];
     topic.to.contains(&role)
         || graph.producer(topic) == role
+        || Slot::of_owner_records(topic).is_some()
         || of_all.iter().any(|one| one.name == topic.name)
 }
 

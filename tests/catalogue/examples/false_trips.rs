@@ -10,9 +10,9 @@
 use catalogue::limits::upper_limit;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use scenario::candidate::Slot;
 use scenario::services::names_for;
 use serde_json::Value;
+use shared_types::Slot;
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::path::{Path, PathBuf};

@@ -8,8 +8,8 @@
 
 use catalogue::swapped::config_of;
 use catalogue::{Entry, entries, patient_entries};
-use scenario::candidate::Slot;
 use serde_json::Value;
+use shared_types::Slot;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};

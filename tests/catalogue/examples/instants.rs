@@ -7,8 +7,8 @@
 
 use catalogue::swapped::{Plain, SITUATIONS, Situation, Swapped, plain, swapped_at};
 use scenario::Override;
-use scenario::candidate::Slot;
 use scenario::services::names_for;
+use shared_types::Slot;
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -9,7 +9,7 @@
 
 use catalogue::swapped::{Guard, SITUATIONS, config_of, plain, swapped_in_realtime};
 use catalogue::{Entry, entries, late_entries};
-use scenario::candidate::Slot;
+use shared_types::Slot;
 use std::path::{Path, PathBuf};
 
 const SEED: u64 = 1;

@@ -6,9 +6,9 @@
 
 use catalogue::{Altering, Entry, Fault, Spoiler, entries};
 use rustix::time::{ClockId, clock_gettime};
-use scenario::candidate::Slot;
 use scenario::services::names_for;
 use scenario::{Override, Scenario};
+use shared_types::Slot;
 use simulate::rehearse::{Rehearsal, Snapshot, Verdict, watch};
 use std::collections::BTreeMap;
 use swap::{Owners, RehearsalSpec};

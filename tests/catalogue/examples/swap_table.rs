@@ -16,8 +16,8 @@ use catalogue::swapped::{
 };
 use catalogue::{Entry, Fault, entries, entries_of_pairs, patient_entries};
 use scenario::Override;
-use scenario::candidate::Slot;
 use scenario::services::names_for;
+use shared_types::Slot;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -2,8 +2,7 @@
 
 use crate::{Seen, Spoiler};
 use observe::Observer;
-use scenario::candidate::Slot;
-use shared_types::{AttitudeSetpoint, Sample, StateEstimate, Topic, WrenchCommand};
+use shared_types::{AttitudeSetpoint, Sample, Slot, StateEstimate, Topic, WrenchCommand};
 use std::any::Any;
 
 /// Process slot of a swap candidate in a flight of two.

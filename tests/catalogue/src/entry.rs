@@ -1,7 +1,7 @@
 //! The faults that a controller can have, and the list of those that are tested.
 
-use scenario::candidate::Slot;
 use serde::Deserialize;
+use shared_types::Slot;
 
 /// Kind of fault. Where thrust is affected, its deviation from the weight is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]

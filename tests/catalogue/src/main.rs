@@ -7,7 +7,7 @@ use host::{
 };
 use runtime::Ending;
 use scenario::Scenario;
-use scenario::candidate::Slot;
+use shared_types::Slot;
 use std::io::Write as _;
 use std::process::ExitCode;
 use vehicle::MorphAngle;

@@ -6,7 +6,7 @@ use runtime::namespace::Membership;
 use runtime::{Sink as _, StateSink as _};
 use shared_types::{
     ClockMode, ClockRecord, Flag, Header, NO_SEAT, OwnerRecord, Progress, Registry, RegistryEntry,
-    Role, Seat, WrenchCommand, topics,
+    Role, Seat, Slot, WrenchCommand, topics,
 };
 use std::path::Path;
 use std::process::ExitCode;
@@ -74,8 +74,7 @@ impl Forger {
         // What a dead launcher alone held is gone once it has been swept.
         let seats = Role::STEPPING.into_iter().flat_map(Seat::all);
         let posts = seats.filter_map(|seat| post(seat).ok());
-        let slots =
-            [(Role::Attitude, &topics::ATTITUDE_OWNER), (Role::Position, &topics::POSITION_OWNER)];
+        let slots = Slot::ALL.map(|slot| (slot.role(), slot.spec().owner));
         let owners = slots.map(|(role, topic)| Ok((role, bus.writer(topic)?)));
         Ok(Self {
             commands: bus.writer(&topics::WRENCH_COMMAND)?,

@@ -3,6 +3,7 @@
 use miette::Diagnostic;
 use scenario::services::{self, Assignment};
 use scenario::{Override, Scenario, ScenarioError};
+use shared_types::Slot;
 use thiserror::Error;
 
 /// Keys, or sections, that a flight cannot be taken up with, and why. Everything else takes effect
@@ -150,7 +151,7 @@ impl Change {
                 edits.push(Override::swap(&line)?);
             }
         } else if assignment != Assignment::of(recorded.settings()) {
-            for role in services::SLOTS {
+            for role in Slot::ALL.map(Slot::role) {
                 let name = assignment.name(role).unwrap_or_default();
                 edits.push(Override::controller(&format!("{}={name}", role.label()))?);
             }
@@ -172,7 +173,7 @@ impl Change {
 
 /// Shortest time in which a gate sees enough of a controller of a slot \[ns\].
 fn shadow_ns(recorded: &Scenario, slot: &str) -> u64 {
-    let role = services::SLOTS.into_iter().find(|role| role.label() == slot.trim());
+    let role = Slot::named(slot.trim()).map(Slot::role);
     let graph = recorded.graph().ok();
     let node = role.and_then(|role| graph.as_ref()?.node(role).copied());
     node.map_or(0, |node| SHADOW_PERIODS * node.rate.period_ns())

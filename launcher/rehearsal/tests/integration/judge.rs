@@ -3,8 +3,9 @@
 use proptest::prelude::*;
 use rehearsal::{
     Axis, Challenge, DRAWS, Facts, Flown, Limits, Lost, Measure, Motion, RehearsalRefusal,
-    Schedule, Slot, Snapshot, Sweep, Track, Tube, Verdict, Wanted, judge, schedule,
+    Schedule, Snapshot, Sweep, Track, Tube, Verdict, Wanted, judge, schedule,
 };
+use shared_types::Slot;
 use vehicle::{MorphAngle, VehicleParameters, quaternion_from_euler};
 
 const FLIP_S: f64 = 0.14;

@@ -7,6 +7,7 @@ use attitude_lqr::{LqrError, LqrLaw};
 use attitude_pid::PidLaw;
 use controller::OutOfRange;
 use position_pid::PositionPidLaw;
+use shared_types::Slot;
 
 impl Checker<'_> {
     pub(super) fn assignment(&mut self) {
@@ -26,7 +27,7 @@ impl Checker<'_> {
     fn alternates(&mut self) {
         let assignment = Assignment::of(self.settings());
         let flies = |name: &str| {
-            services::SLOTS.into_iter().any(|role| assignment.name(role) == Some(name))
+            Slot::ALL.into_iter().any(|slot| assignment.name(slot.role()) == Some(name))
         };
         let wanted =
             |name: &str, section: &str| flies(name) || self.document.root().contains_key(section);

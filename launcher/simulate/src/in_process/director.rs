@@ -12,10 +12,10 @@ use super::posts::{InProcessHost, RestartOutcome, Seats, flying};
 use runtime::Graph;
 use runtime::graph::CREDIT_NS;
 use scenario::Scenario;
-use scenario::candidate::{Candidate, Slot};
+use scenario::candidate::Candidate;
 use scenario::orders::Planner;
 use scenario::services::{self, Assignment};
-use shared_types::{ClockMode, Role};
+use shared_types::{ClockMode, Role, Slot};
 use slot::supervisor::Now;
 use swap::{FlightError, Script, SlotContext, Slots, SwapReport};
 

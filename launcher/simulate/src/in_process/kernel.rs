@@ -13,9 +13,8 @@ use core::cell::RefCell;
 use runtime::Graph;
 use runtime::graph::{CREDIT_NS, ROLES};
 use scenario::Scenario;
-use scenario::candidate::Slot;
 use scenario::services::Assignment;
-use shared_types::{Role, Seat};
+use shared_types::{Role, Seat, Slot};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
@@ -79,7 +78,7 @@ impl Kernel {
             // Otherwise the slot's own machine says who begins.
             let by_director = scripted && graph.node(slot.role()).is_some();
             if from.is_none() && !by_director {
-                wires.own(&graph, slot.role());
+                wires.own(&graph, slot);
             }
         }
         let (mut marks, mut director) = (FlightMarks::Plain([0; ROLES]), None);

@@ -13,7 +13,9 @@ use runtime::{Graph, Node, StateHeader};
 use scenario::Scenario;
 use scenario::orders::Sent;
 use shared_types::time::ns_from_s;
-use shared_types::{Flag, Handover, Header, OwnerRecord, Role, Seat as Place, Seating, topics};
+use shared_types::{
+    Flag, Handover, Header, OwnerRecord, Role, Seat as Place, Seating, Slot, topics,
+};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -317,9 +319,9 @@ impl Posts for Seats<'_> {
 
     fn announce(&mut self, record: OwnerRecord) {
         let role = record.slot;
-        let attitude = role == Role::Attitude;
-        let topic = if attitude { &topics::ATTITUDE_OWNER } else { &topics::POSITION_OWNER };
-        self.host.wires.announce(topic, record);
+        if let Some(slot) = Slot::of(role) {
+            self.host.wires.announce(slot.spec().owner, record);
+        }
         self.host.records.insert(role, record);
         let FlightMarks::Seats(marks) = &mut *self.marks else { return };
         let Some(book) = marks.book(role) else { return };

@@ -5,7 +5,7 @@ use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use runtime::graph::{Edge, READER_CAPACITY};
 use runtime::{Executor, Graph, Input, InputVisitor, Output, OutputVisitor, Sink, Source};
-use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, topics};
+use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Slot, SlotSpec, Topic, topics};
 use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::{Rc, Weak};
@@ -180,19 +180,18 @@ impl Wires {
     }
 
     /// Tells the readers of a slot's owner record that its first seat commands from the start.
-    pub(super) fn own(&mut self, graph: &Graph, slot: Role) {
-        let topic =
-            if slot == Role::Attitude { &topics::ATTITUDE_OWNER } else { &topics::POSITION_OWNER };
-        let period_ns = graph.node(graph.slot_holder(slot)).map_or(0, |n| n.rate.period_ns());
+    pub(super) fn own(&mut self, graph: &Graph, slot: Slot) {
+        let SlotSpec { role, owner, .. } = *slot.spec();
+        let period_ns = graph.node(graph.slot_holder(role)).map_or(0, |n| n.rate.period_ns());
         let record = OwnerRecord {
             header: Header { sequence: 1, ..Header::default() },
             epoch: 1,
             period_ns: [period_ns, 0, 0, 0],
             fallback: NO_SEAT,
-            slot,
+            slot: role,
             ..OwnerRecord::default()
         };
-        self.announce(topic, record);
+        self.announce(owner, record);
     }
 }
 

@@ -3,11 +3,10 @@
 use super::derive::Role;
 use observe::Observer;
 use rehearsal::{Facts, Motion, Track, Wanted};
-use scenario::candidate::Slot;
 use shared_types::time::s_from_ns;
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, GateMode, OwnerRecord, Reference, Sample,
-    Topic, Truth, WrenchCommand,
+    Slot, Topic, Truth, WrenchCommand,
 };
 use std::any::Any;
 use vehicle::{MorphAngle, VehicleParameters};

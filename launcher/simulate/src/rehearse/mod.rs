@@ -16,8 +16,9 @@ pub use rehearsal::{RehearsalFigures, RehearsalRefusal, Snapshot, Verdict};
 
 use observe::Observer;
 use rehearsal::{Draw, Facts, Flown, Schedule, Track};
-use scenario::candidate::{Slot, name_of};
+use scenario::candidate::name_of;
 use scenario::{Override, Scenario};
+use shared_types::Slot;
 use swap::RehearsalSpec;
 
 /// Logical time between two checks of whether to continue \[ns\].
@@ -69,7 +70,7 @@ impl Rehearsal {
         let (flip_s, end_s) =
             (derive::flip_s(&facts, spec.slot), scenario.settings().rehearsal.duration_s);
         let draws = rehearsal::draws(snapshot, spec.seed, spec.swap);
-        let slot = pure(spec.slot);
+        let slot = spec.slot;
         let schedules =
             rehearsal::schedule(slot, &facts, snapshot, (&sweeps, &planned), (flip_s, end_s));
         Ok(Self { spec, scenario, facts, draws, schedules })
@@ -121,7 +122,7 @@ impl Rehearsal {
         go_on: &mut dyn FnMut() -> bool,
         extra: impl Fn() -> E,
     ) -> Result<RehearsalFigures, Box<RehearsalRefusal>> {
-        let slot = pure(self.spec.slot);
+        let slot = self.spec.slot;
         let tube = self.scenario.settings().rehearsal.tube();
         let mut flown: Vec<(Track, Track)> = Vec::with_capacity(self.draws.len());
         for draw in 0..self.draws.len() {
@@ -178,11 +179,4 @@ pub fn rehearse(
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<RehearsalFigures, Box<RehearsalRefusal>> {
     Rehearsal::prepare(spec)?.fly(go_on)
-}
-
-fn pure(slot: Slot) -> rehearsal::Slot {
-    match slot {
-        Slot::Attitude => rehearsal::Slot::Attitude,
-        Slot::Position => rehearsal::Slot::Position,
-    }
 }

@@ -1,7 +1,7 @@
 //! Sentences and figures about what goes on in a slot, for the client that asked and for the recording.
 
 use protocol::control::protocol::{Done, Figures, Progress};
-use scenario::candidate::Slot;
+use shared_types::Slot;
 use slot::{GateFigures, Outcome, Seat, Step};
 
 /// Puts the names of instances where a sentence speaks of seats.

@@ -5,7 +5,8 @@
 
 use protocol::control::protocol::{Reason, Refusal, Reply, Request, SwapRequest};
 use protocol::control::server::Answer;
-use scenario::candidate::{Candidate, NoCandidate, Slot};
+use scenario::candidate::{Candidate, NoCandidate};
+use shared_types::Slot;
 use slot::{Action, Outcome, Program, Report, Seat, Target};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -71,7 +72,7 @@ pub struct Ordered {
 }
 
 /// The slots of a flight.
-pub type Machines = BTreeMap<Slot, slot::Slot>;
+pub type Machines = BTreeMap<Slot, slot::SlotMachine>;
 
 /// What ends an order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -304,7 +305,7 @@ impl Orders {
         if let Some(reason) = refused {
             return answer.send(Reply::Refused(self.refusal(slot, reason)));
         }
-        let candidate = machines.get(&slot).and_then(slot::Slot::candidate);
+        let candidate = machines.get(&slot).and_then(slot::SlotMachine::candidate);
         let until = match (ordered.request, candidate) {
             (slot::Request::Retire(seat), _) => Until::Retired(seat),
             (slot::Request::Rollback, _) | (_, None) => Until::RolledBack,

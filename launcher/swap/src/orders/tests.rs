@@ -21,7 +21,7 @@ impl Flight {
         let seat = Seat::ALL[0];
         orders.seat(Slot::Attitude, seat, program);
         assert_eq!(SlotConfig::LOCKSTEP.clock, Clock::Lockstep);
-        let machine = slot::Slot::new(SlotConfig::LOCKSTEP, seat, program);
+        let machine = slot::SlotMachine::new(SlotConfig::LOCKSTEP, seat, program);
         let machines = Machines::from([(Slot::Attitude, machine)]);
         let mut flight = Self { orders, machines, logical_ns: 1_000_000_000, told: Vec::new() };
         flight.ready(seat);

@@ -8,8 +8,8 @@ use crate::child::{ChildSpec, Launch};
 use crate::orders::{Executable, Orders};
 use crate::{FlightError, PostNote};
 use scenario::Scenario;
-use scenario::candidate::{Candidate, Slot};
-use shared_types::{ClockMode, OwnerRecord, Seat as Place};
+use scenario::candidate::Candidate;
+use shared_types::{ClockMode, OwnerRecord, Seat as Place, Slot};
 use slot::record::Record;
 use slot::supervisor::Instance;
 use slot::{Program, SEATS, Seat};
@@ -79,7 +79,8 @@ impl Slots {
             seated[seat.index()] = programs[seat.index()].map(|program| (program, instance));
         }
         let config = self.config;
-        let (machine, actions) = slot::Slot::adopt(config, context.now, &record, owner, seated);
+        let (machine, actions) =
+            slot::SlotMachine::adopt(config, context.now, &record, owner, seated);
         self.machines.insert(slot, machine);
         self.states.insert(slot, SlotState::default());
         self.carry_out(slot, actions, context)

@@ -5,8 +5,7 @@ use super::trip_reason::TripReason;
 use super::watch::{Followed, Seen};
 use super::{Expected, SlotContext, Slots};
 use crate::{FlightError, PostEvent};
-use scenario::candidate::Slot;
-use shared_types::{Role, Seat as Place, Trip};
+use shared_types::{Role, Seat as Place, Slot, Trip};
 use slot::Seat;
 use slot::gate::Refusal;
 use slot::supervisor::{Event, Fault, Instance};
@@ -109,7 +108,7 @@ impl Slots {
         let (Some(slot), Some(seat)) = (self.slot_of(trip.slot), Seat::new(trip.instance)) else {
             return;
         };
-        let record = self.machines.get(&slot).and_then(slot::Slot::record);
+        let record = self.machines.get(&slot).and_then(slot::SlotMachine::record);
         // The consumer may have told of the change first, so that the newest record names the successor.
         let successor = record.and_then(|record| {
             if record.owner == seat { record.fallback } else { Some(record.owner) }
@@ -153,7 +152,7 @@ impl Slots {
         judged: Option<Result<(), Refusal>>,
         context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
-        let candidate = self.machines.get(&slot).and_then(slot::Slot::candidate);
+        let candidate = self.machines.get(&slot).and_then(slot::SlotMachine::candidate);
         match (judged, candidate) {
             (Some(Err(refusal)), Some(seat)) => {
                 self.tell(slot, Event::Verdict(seat, Err(refusal)), context)

@@ -3,7 +3,7 @@
 use core::f64::consts::FRAC_PI_2;
 use runtime::Graph;
 use runtime::arbiter::setpoints::TILT_BOUND_RAD;
-use shared_types::{Role, topics};
+use shared_types::{Role, Slot};
 use slot::gate::Axis;
 use vehicle::{MorphAngle, VehicleParameters};
 
@@ -69,11 +69,7 @@ impl CommandScale {
 
 /// From release to effect of the command by which a role fills its slot \[ns\].
 pub(super) fn command_latency_ns(graph: &Graph, role: Role) -> u64 {
-    match role {
-        Role::Attitude => graph.latency_ns(&topics::WRENCH_COMMAND.info),
-        Role::Position => graph.latency_ns(&topics::ATTITUDE_SETPOINT.info),
-        _ => 0,
-    }
+    Slot::of(role).map_or(0, |slot| graph.latency_ns(slot.spec().command))
 }
 
 /// Rate of a controller: the slot's own if its period is, so that no rounding comes in.

@@ -1,8 +1,8 @@
 //! What came of each swap, for the summary, its JSON and the recording.
 
 use super::gatekeeper::Gatekeeper;
-use scenario::candidate::Slot;
 use serde::Serialize;
+use shared_types::Slot;
 use shared_types::time::s_from_ns;
 use slot::gate::GateFigures;
 use std::fmt::{self, Write as _};

@@ -1,7 +1,7 @@
 //! What is told of a slot: sentences for the flight's log, answers to the client that asked, the table of swaps.
 
 use super::{News, Place, Slots, SwapEnd};
-use scenario::candidate::Slot;
+use shared_types::Slot;
 use shared_types::time::s_from_ns;
 use slot::{Action, Outcome, Reason, Report, Seat, Step};
 

@@ -36,9 +36,9 @@ use monitor::settings::Fallback;
 use rehearsal::{Rehearsing, Underway};
 use runtime::Graph;
 use scenario::Scenario;
-use scenario::candidate::{Candidate, Slot};
+use scenario::candidate::Candidate;
 use scenario::orders::Planner;
-use shared_types::{ClockMode, Role, Seat as Place};
+use shared_types::{ClockMode, Role, Seat as Place, Slot};
 use slot::supervisor::{Event, Fault, Now, SlotConfig};
 use slot::{SEATS, Seat};
 use std::collections::BTreeMap;
@@ -153,7 +153,7 @@ impl Slots {
             let Some(candidate) = found else { continue };
             let program = orders.program(Executable::new(candidate, None));
             orders.seat(slot, Seat::ALL[0], program);
-            machines.insert(slot, slot::Slot::new(config, Seat::ALL[0], program));
+            machines.insert(slot, slot::SlotMachine::new(config, Seat::ALL[0], program));
             states.insert(slot, SlotState::default());
         }
         let (reports, news) = (Vec::new(), Vec::new());
@@ -181,7 +181,7 @@ impl Slots {
     pub fn progress(&self, role: Role) -> (&'static str, Option<String>, Option<u64>) {
         let slot = self.slot_of(role);
         let machine = slot.and_then(|slot| self.machines.get(&slot));
-        let progress = machine.map_or(slot::Progress::Steady, slot::Slot::progress);
+        let progress = machine.map_or(slot::Progress::Steady, slot::SlotMachine::progress);
         let named = slot.zip(progress.seat()).map(|(slot, seat)| self.orders.name(slot, seat));
         (progress.label(), named, progress.until_ns())
     }
@@ -208,14 +208,14 @@ impl Slots {
 
     /// Lockstep: the end of allowed time until the slots have had their say \[ns\].
     pub fn cap_ns(&self, allowed_ns: u64) -> u64 {
-        let deadlines = self.machines.values().filter_map(slot::Slot::deadline_ns);
+        let deadlines = self.machines.values().filter_map(slot::SlotMachine::deadline_ns);
         let cap_ns = deadlines.chain(self.departures_ns()).min().unwrap_or(u64::MAX);
         if self.holds_time() { allowed_ns } else { cap_ns }
     }
 
     /// Lockstep: time stands still until a process has come, or a candidate has been judged.
     pub(super) fn holds_time(&self) -> bool {
-        let waits = self.machines.values().any(slot::Slot::holds_time);
+        let waits = self.machines.values().any(slot::SlotMachine::holds_time);
         self.mode == ClockMode::Lockstep && waits
     }
 
@@ -243,7 +243,7 @@ impl Slots {
         self.take_rehearsals(context)?;
         for slot in Slot::ALL {
             self.check_timeouts(slot, context)?;
-            let deadline_ns = self.machines.get(&slot).and_then(slot::Slot::deadline_ns);
+            let deadline_ns = self.machines.get(&slot).and_then(slot::SlotMachine::deadline_ns);
             if deadline_ns.is_some_and(|at_ns| at_ns <= context.now.logical_ns) {
                 self.tell(slot, Event::Time, context)?;
             }

@@ -6,8 +6,9 @@ use crate::{FlightError, Owners, RehearsalSpec};
 use ::rehearsal::{RehearsalRefusal as Refused, Verdict};
 use rehearsal::Measure;
 use scenario::Scenario;
-use scenario::candidate::{Candidate, Slot};
+use scenario::candidate::Candidate;
 use shared_types::Seat as Place;
+use shared_types::Slot;
 use slot::Seat;
 use slot::supervisor::{Event, RehearsalRefusal, Rehearsed};
 
@@ -140,7 +141,7 @@ impl Slots {
             self.answer_rehearsal(slot, seat, verdict, left_tube, context)?;
         }
         for slot in Slot::ALL {
-            let candidate = self.machines.get(&slot).and_then(slot::Slot::candidate);
+            let candidate = self.machines.get(&slot).and_then(slot::SlotMachine::candidate);
             let Some(state) = self.states.get_mut(&slot) else { continue };
             if let Some(gone) = state.rehearsal.take_if(|it| Some(it.seat) != candidate) {
                 context.posts.end_rehearsal(Place { role: slot.role(), index: gone.seat.into() });

@@ -6,7 +6,7 @@ use crate::orders::Ordered;
 use protocol::control::protocol::{Reason as Refused, Refusal};
 use protocol::control::server::Answer;
 use protocol::control::{Reply, Request as Asked};
-use scenario::candidate::Slot;
+use shared_types::Slot;
 use slot::supervisor::Event;
 use slot::{Action, Report, Request, Target};
 

@@ -3,8 +3,8 @@
 use super::{Executable, SlotContext, Slots};
 use runtime::StateHeader;
 use runtime::life_number;
-use scenario::candidate::{Candidate, Slot};
-use shared_types::{Flag, Handover, Header, Seat as Place, Seating, SeatingKind};
+use scenario::candidate::Candidate;
+use shared_types::{Flag, Handover, Header, Seat as Place, Seating, SeatingKind, Slot};
 use slot::Seat;
 
 /// How a process begins that goes on from a state, if there is one, of the process on a seat.

@@ -5,11 +5,10 @@ use protocol::control::status::RunStatus;
 use protocol::topic::feed::{Ending, Flying};
 use record::read::{RecordVisitor as _, RecordedEvent};
 use runtime::clock::mono_now_ns;
-use scenario::candidate::Slot;
 use scenario::{Scenario, services};
 use serde_json::{Value, json};
 use shared_types::time::{ns_from_s, s_from_ns};
-use shared_types::{Sample, Topic};
+use shared_types::{Sample, Slot, Topic};
 
 /// How much of what it has already is told again, for reports and set points come after the instant
 /// that they are about \[ns\].

@@ -7,7 +7,7 @@ use record::read::{RecordVisitor, RecordedEvent};
 use serde::Serialize;
 use shared_types::{
     Disturbance, DisturbanceKind, DisturbanceOrder, GateMode, GuidanceOrder, OwnerRecord, Role,
-    Sample, Topic, TopicInfo, topics,
+    Sample, Slot, Topic, TopicInfo,
 };
 use std::any::Any;
 use swap::FAULT;
@@ -76,7 +76,7 @@ pub(crate) struct Owners {
 
 impl RecordVisitor for Owners {
     fn wants(&self, topic: &TopicInfo) -> bool {
-        [topics::ATTITUDE_OWNER.info.name, topics::POSITION_OWNER.info.name].contains(&topic.name)
+        Slot::of_owner_records(topic).is_some()
     }
 
     fn sample<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &T) {
@@ -251,6 +251,7 @@ fn vector(values: [f64; 3]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use shared_types::topics;
 
     #[test]
     fn stamps_of_events_are_logical_time_at_any_speed() {

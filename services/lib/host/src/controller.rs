@@ -6,7 +6,7 @@ use crate::{
 };
 use clap::{CommandFactory as _, FromArgMatches as _, Parser};
 use runtime::{Component, Ending, Service};
-use shared_types::Role;
+use shared_types::{Role, Slot};
 use std::io::{self, Write as _};
 use std::process::ExitCode;
 
@@ -25,10 +25,8 @@ struct Arguments {
 }
 
 fn slot(text: &str) -> Result<Role, String> {
-    [Role::Attitude, Role::Position]
-        .into_iter()
-        .find(|role| role.label() == text)
-        .ok_or_else(|| "there are the slots attitude and position".to_owned())
+    let known = Slot::ALL.map(Slot::label).join(" and ");
+    Slot::named(text).map(Slot::role).ok_or_else(|| format!("there are the slots {known}"))
 }
 
 /// Joins the run that the command line names, has `build` make the controller and flies it to the

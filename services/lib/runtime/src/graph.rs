@@ -12,7 +12,7 @@ pub use bounds::{CREDIT_NS, READER_CAPACITY};
 
 use crate::ownership::MarkView;
 use crate::rate::Rate;
-use shared_types::{Edge as EdgeKind, Role, TopicInfo, topics};
+use shared_types::{Edge as EdgeKind, Role, Slot, TopicInfo, topics};
 use thiserror::Error;
 
 /// Number of roles that step.
@@ -166,11 +166,16 @@ pub struct Graph {
 /// Declared latency of each delayed topic, by topic name \[ns\].
 pub type Latency<'a> = &'a dyn Fn(&TopicInfo) -> u64;
 
+/// Role that holds a slot, or fills any other role, where `present` tells which roles there are.
+fn holder(role: Role, present: &dyn Fn(Role) -> bool) -> Role {
+    let stand_in = || Slot::of(role).and_then(|slot| slot.spec().stand_in);
+    if present(role) { role } else { stand_in().unwrap_or(role) }
+}
+
 impl Graph {
     /// Wires the topic table between the loops that take part.
     ///
-    /// A slot without a process of its own (the position slot of a rig flight) is filled by the
-    /// pilot. Topics between absent roles fall away.
+    /// A slot without a process of its own is filled by its stand-in. Topics between absent roles fall away.
     ///
     /// # Errors
     /// [`GraphError`] if the wiring could deadlock or overflow a reader.
@@ -178,11 +183,7 @@ impl Graph {
         let present = |role: Role| nodes.iter().any(|n| n.role == role);
         let mut edges = Vec::new();
         for topic in topics::all() {
-            let from = if topic.from == Role::Position && !present(Role::Position) {
-                Role::Pilot
-            } else {
-                topic.from
-            };
+            let from = holder(topic.from, &present);
             for &to in topic.to {
                 if from != to && present(from) && present(to) {
                     let latency_ns = match topic.edge {
@@ -246,7 +247,7 @@ impl Graph {
         self.edges.iter().find(|e| e.to == to && e.topic.name == topic.name)
     }
 
-    /// Role that really produces a topic in this flight: the pilot fills the position slot of a rig.
+    /// Role that really produces a topic in this flight: that of a slot may be filled by its stand-in.
     #[must_use]
     pub fn producer(&self, topic: &TopicInfo) -> Role {
         self.slot_holder(topic.from)
@@ -255,8 +256,7 @@ impl Graph {
     /// Role whose process holds a slot, or fills any other role, in this flight.
     #[must_use]
     pub fn slot_holder(&self, slot: Role) -> Role {
-        let rig = slot == Role::Position && self.node(Role::Position).is_none();
-        if rig { Role::Pilot } else { slot }
+        holder(slot, &|role| self.node(role).is_some())
     }
 
     /// Declared latency of a topic, 0 if no loop in the flight reads it \[ns\].

@@ -28,5 +28,5 @@ pub use record::{Authority, Record, SEATS, Seat};
 pub use supervisor::message;
 pub use supervisor::{
     Action, Clock, Event, Fault, Instance, Now, Outcome, Program, Progress, Reason,
-    RehearsalRefusal, Rehearsed, Report, Request, Slot, SlotConfig, Step, SwapTerms, Target,
+    RehearsalRefusal, Rehearsed, Report, Request, SlotConfig, SlotMachine, Step, SwapTerms, Target,
 };

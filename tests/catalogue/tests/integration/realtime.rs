@@ -2,7 +2,7 @@
 
 use catalogue::patient_entries;
 use catalogue::swapped::{Guard, SITUATIONS, config_of, plain, swapped_in_realtime};
-use scenario::candidate::Slot;
+use shared_types::Slot;
 use std::path::Path;
 use tempfile::TempDir;
 

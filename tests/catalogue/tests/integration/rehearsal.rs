@@ -10,10 +10,9 @@
 use catalogue::swapped::config_of;
 use catalogue::{Altering, Entry, Fault, Spoiler, entries};
 use observe::Observer;
-use scenario::candidate::Slot;
 use scenario::services::names_for;
 use scenario::{Override, Scenario};
-use shared_types::{MorphCommand, Reference, Sample, Topic, Truth};
+use shared_types::{MorphCommand, Reference, Sample, Slot, Topic, Truth};
 use simulate::in_process::{InProcess, StateSource};
 use simulate::rehearse::{Rehearsal, RehearsalRefusal, Role, Verdict, verdict, watch};
 use std::any::Any;

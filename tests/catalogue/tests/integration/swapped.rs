@@ -2,7 +2,7 @@
 
 use catalogue::swapped::{Guard, SITUATIONS, config_of, plain, swapped};
 use catalogue::{Entry, Fault, entries};
-use scenario::candidate::Slot;
+use shared_types::Slot;
 use std::path::Path;
 
 fn entry(slot: Slot, name: &str) -> Entry {

@@ -7,8 +7,8 @@ use catalogue::swapped::{
 };
 use catalogue::{Entry, Fault, entries, entries_of_pairs, patient_entries};
 use scenario::Override;
-use scenario::candidate::Slot;
 use scenario::services::names_for;
+use shared_types::Slot;
 use std::path::PathBuf;
 use tempfile::TempDir;
 

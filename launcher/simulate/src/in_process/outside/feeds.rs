@@ -5,7 +5,7 @@ use super::namespace::Namespace;
 use core::convert::Infallible;
 use runtime::ipc::{IpcSink, PortError};
 use runtime::{Graph, Sink as _, Source as _};
-use shared_types::{OwnerRecord, Role, Sample, Seat, Topic, TopicVisitor, topics};
+use shared_types::{OwnerRecord, Role, Sample, Seat, Slot, Topic, TopicVisitor, topics};
 use std::any::Any;
 use swap::services::concerns;
 
@@ -98,11 +98,8 @@ impl TopicVisitor for Opener<'_> {
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
         let role = self.place.role;
         let from = self.graph.producer(&topic.info);
-        let own_owner = match role {
-            Role::Attitude => topics::ATTITUDE_OWNER.info.name,
-            _ => topics::POSITION_OWNER.info.name,
-        };
-        let is_own_slot = topic.info.name == own_owner;
+        let is_own_slot =
+            Slot::of_owner_records(&topic.info).is_some_and(|slot| slot.role() == role);
         let is_read = topic.info.to.contains(&role) || is_own_slot;
         if from != role && is_read && concerns(self.graph, role, &topic.info) {
             self.feeds.push(Box::new(TopicFeed {

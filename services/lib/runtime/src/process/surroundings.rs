@@ -5,7 +5,7 @@ use crate::graph::{Graph, Node, Roles};
 use crate::input::Source as _;
 use crate::ipc::{Bus, IpcSource, LatestPort, PortError, WakeNotifier};
 use shared_types::wire::hash_bytes;
-use shared_types::{OwnerRecord, Progress, RegistryEntry, Role, Seat, TopicInfo, topics};
+use shared_types::{OwnerRecord, Progress, RegistryEntry, Role, Seat, Slot, SlotSpec};
 
 /// How far a seat has got, and how to wake the process that sits there.
 pub(super) struct Neighbour {
@@ -46,11 +46,11 @@ impl SlotReader {
     /// The slots that a process of `role` waits for, or sits in.
     pub(super) fn open_all(bus: &Bus, graph: &Graph, role: Role) -> Result<Vec<Self>, PortError> {
         let mut slots = Vec::new();
-        for topic in [&topics::ATTITUDE_OWNER, &topics::POSITION_OWNER] {
-            let slot = slot_of(&topic.info);
+        for SlotSpec { role: slot, owner, .. } in Slot::ALL.map(Slot::spec) {
+            let slot = *slot;
             let waited = graph.node(slot).is_some() && graph.waits_for(role, slot);
             if waited || slot == role {
-                let records = bus.reader(topic, Role::Supervisor)?;
+                let records = bus.reader(owner, Role::Supervisor)?;
                 slots.push(SlotReader { role: slot, records });
             }
         }
@@ -189,9 +189,4 @@ fn fingerprint(entries: &[RegistryEntry]) -> u64 {
         }
         hash_bytes(hash, &bytes)
     })
-}
-
-/// The slot that owner records on a topic are about.
-fn slot_of(topic: &TopicInfo) -> Role {
-    if topic.name == topics::ATTITUDE_OWNER.info.name { Role::Attitude } else { Role::Position }
 }

@@ -4,7 +4,7 @@ use super::instances::{Instance, InstanceState};
 use super::message::{Action, Now, Rehearsed, SwapTerms};
 use super::reason::{Reason, RehearsalRefusal};
 use super::report::{Outcome, Report, Step};
-use super::{Clock, Goal, Phase, Slot, Stage, Standby, step};
+use super::{Clock, Goal, Phase, SlotMachine, Stage, Standby, step};
 use crate::gate::{GateFigures, Refusal};
 use crate::record::Seat;
 
@@ -12,7 +12,7 @@ use crate::record::Seat;
 /// and a controller that does not look at what is applied would wind them up \[ns\].
 const FREE_MAX_NS: u64 = 2_000_000_000;
 
-impl Slot {
+impl SlotMachine {
     /// A process has connected: the candidate, or the owner that was started again.
     pub(super) fn ready(
         &mut self,

@@ -4,13 +4,13 @@ use super::instances::InstanceState;
 use super::message::{Action, Now};
 use super::reason::{Fault, Reason};
 use super::report::{Report, Step};
-use super::{Phase, Slot, Useless, step};
+use super::{Phase, SlotMachine, Useless, step};
 use crate::record::Seat;
 
 /// An owner that is lost so soon after it was started again is not started a third time \[ns\].
 const RELAPSE_NS: u64 = 5_000_000_000;
 
-impl Slot {
+impl SlotMachine {
     /// A process is gone.
     pub(super) fn died(&mut self, now: Now, seat: Seat, out: &mut Vec<Action>) {
         let state = *self.instances.state(seat);

@@ -1,8 +1,8 @@
 //! The supervisor's side: one state machine per slot, events in, actions out.
 //!
-//! It reads no clock: each event comes with the time, and [`Slot::deadline_ns`] says when the next
+//! It reads no clock: each event comes with the time, and [`SlotMachine::deadline_ns`] says when the next
 //! [`Event::Time`] is due. In lockstep allowed time must stop exactly there, and stand still while
-//! [`Slot::holds_time`]; then every instant in a record follows from script and flight alone.
+//! [`SlotMachine::holds_time`]; then every instant in a record follows from script and flight alone.
 //!
 //! Start with `Phase`, then [`message`]. `candidate.rs` is the way of a candidate to the flip,
 //! `loss.rs` what happens when a process is lost, `publish.rs` how instants are chosen.
@@ -126,7 +126,7 @@ struct Standby {
 
 /// A slot as its supervisor sees it.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub struct Slot {
+pub struct SlotMachine {
     config: SlotConfig,
     instances: Instances,
     ledger: Ledger,
@@ -152,7 +152,7 @@ struct Useless {
     due_ns: u64,
 }
 
-impl Slot {
+impl SlotMachine {
     /// A slot whose first owner, a process of `program` on `seat`, is being started by the caller.
     /// Its [`Event::Ready`] gives it the slot.
     #[must_use]

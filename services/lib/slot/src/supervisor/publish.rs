@@ -4,10 +4,10 @@ use super::ledger::Outstanding;
 use super::message::{Action, Now};
 use super::reason::Reason;
 use super::report::{Report, Step};
-use super::{Clock, Phase, Slot, step};
+use super::{Clock, Phase, SlotMachine, step};
 use crate::record::{Record, Seat};
 
-impl Slot {
+impl SlotMachine {
     /// The first instant that no consumer can have decided by the time a record arrives, and not
     /// before an answer to what happened at `at_ns` is due.
     fn first_open_ns(&self, now: Now, owner: Seat, at_ns: Option<u64>, tries: u32) -> u64 {

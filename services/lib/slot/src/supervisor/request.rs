@@ -4,10 +4,10 @@ use super::instances::{InstanceState, Program};
 use super::message::{Action, Now, Request, SwapTerms, Target};
 use super::reason::Reason;
 use super::report::{Outcome, Report};
-use super::{Goal, Phase, Slot, Stage, Standby};
+use super::{Goal, Phase, SlotMachine, Stage, Standby};
 use crate::record::Seat;
 
-impl Slot {
+impl SlotMachine {
     pub(super) fn request(&mut self, now: Now, request: Request, out: &mut Vec<Action>) {
         let done = match request {
             Request::Swap(target, order) => self.swap(now, target, order, out),

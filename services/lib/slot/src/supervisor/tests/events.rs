@@ -54,7 +54,7 @@ proptest! {
         lockstep in any::<bool>(),
     ) {
         let config = if lockstep { SlotConfig::LOCKSTEP } else { SlotConfig::REALTIME };
-        let mut slot = Slot::new(config, SEAT[0], Program(0));
+        let mut slot = SlotMachine::new(config, SEAT[0], Program(0));
         let mut t = 0;
         let mut newest: Option<Record> = None;
         for (event, later_ns) in events {

@@ -29,7 +29,7 @@ const fn order(shadow_ns: u64) -> SwapTerms {
 
 /// A slot and what it has asked for.
 struct Bench {
-    slot: Slot,
+    slot: SlotMachine,
     now: Now,
     actions: Vec<Action>,
 }
@@ -38,7 +38,7 @@ impl Bench {
     /// In flight with an owner of layout 7 on seat 0.
     fn new(config: SlotConfig) -> Self {
         let now = Now { logical_ns: 0, allowed_ns: 0 };
-        let slot = Slot::new(config, SEAT[0], Program(0));
+        let slot = SlotMachine::new(config, SEAT[0], Program(0));
         let mut bench = Self { slot, now, actions: Vec::new() };
         assert!(bench.slot.holds_time());
         bench.on(Event::Ready(SEAT[0], instance(7)));

@@ -1,5 +1,5 @@
 //! Every interleaving of one plant, three controllers, one launcher and an intruder, through the same
-//! code that flies: [`slot::Slot`] at the launcher, [`slot::Consumer`] and [`slot::CommandBuffer`] at the plant.
+//! code that flies: [`slot::SlotMachine`] at the launcher, [`slot::Consumer`] and [`slot::CommandBuffer`] at the plant.
 //!
 //! Messages wait, processes die or fall silent, the launcher dies and is succeeded, users ask for
 //! anything, all at any moment that a bounded number of such misfortunes allows. `world.rs` is the

@@ -6,7 +6,7 @@ use super::world::{
 };
 use slot::{
     Clock, Event, Fault, GateFigures, Instance, Program, Refusal, RehearsalRefusal, Rehearsed,
-    Request, SEATS, Seat, Slot, SwapTerms, Target,
+    Request, SEATS, Seat, SlotMachine, SwapTerms, Target,
 };
 
 /// One thing that happens.
@@ -160,7 +160,7 @@ impl World {
     }
 
     fn time_is_due(&self) -> bool {
-        let deadline_ns = self.slot.as_ref().and_then(Slot::deadline_ns);
+        let deadline_ns = self.slot.as_ref().and_then(SlotMachine::deadline_ns);
         deadline_ns.is_some_and(|at| {
             at <= self.t && (self.clock == Clock::Realtime || self.allowed <= self.t)
         })
@@ -178,7 +178,7 @@ impl World {
             return record;
         }
         let word = self.words.first().is_some_and(|(_, said)| late(*said));
-        let deadline = self.slot.as_ref().and_then(Slot::deadline_ns);
+        let deadline = self.slot.as_ref().and_then(SlotMachine::deadline_ns);
         let time = deadline.is_some_and(|at| self.t >= at + self.budget.patience);
         let seats = Seat::ALL.into_iter().any(|seat| match self.processes[seat.index()] {
             Process::Starting { since, .. } | Process::Dead { since } => late(since),
@@ -370,7 +370,8 @@ impl World {
             logical_ns: self.t,
             allowed_ns: if self.clock == Clock::Lockstep { self.allowed } else { self.t },
         };
-        let (adopted, actions) = Slot::adopt(config(self.clock), now, &record, OWNER, seated);
+        let (adopted, actions) =
+            SlotMachine::adopt(config(self.clock), now, &record, OWNER, seated);
         self.slot = Some(adopted);
         self.act(actions);
         if self.consumer.tripped() {

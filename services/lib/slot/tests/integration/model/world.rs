@@ -4,7 +4,7 @@ use shared_types::Role;
 use shared_types::wire::Value;
 use slot::{
     Action, Clock, Command, CommandBuffer, CommandBufferMemory, Consumer, Event, Instance, Now,
-    Program, Record, SEATS, Seat, Slot, SlotConfig, Source,
+    Program, Record, SEATS, Seat, SlotConfig, SlotMachine, Source,
 };
 
 /// If it has not come to rest by then, it never will.
@@ -103,7 +103,7 @@ pub(crate) struct World {
     pub budget: Budget,
     pub flaw: Option<Flaw>,
     /// `None`: the launcher is dead.
-    pub slot: Option<Slot>,
+    pub slot: Option<SlotMachine>,
     pub consumer: Consumer,
     pub commands: Commands,
     pub processes: [Process; SEATS],
@@ -177,7 +177,7 @@ impl World {
             clock,
             budget,
             flaw: None,
-            slot: Some(Slot::new(config, Seat::ALL[0], OWNER)),
+            slot: Some(SlotMachine::new(config, Seat::ALL[0], OWNER)),
             consumer: Consumer::new(),
             commands: Commands(CommandBuffer::new()),
             processes: [Process::Gone; SEATS],
@@ -278,7 +278,7 @@ impl World {
                 Action::Report(_) => {}
             }
         }
-        let candidate = self.slot.as_ref().and_then(Slot::candidate);
+        let candidate = self.slot.as_ref().and_then(SlotMachine::candidate);
         self.judging = self.judging.filter(|seat| Some(*seat) == candidate);
         self.rehearsing = self.rehearsing.filter(|seat| Some(*seat) == candidate);
     }
