@@ -9,8 +9,9 @@ use observe::FlightHash;
 use observe::Observer;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use scenario::services::names_for;
 use scenario::{Override, Scenario};
-use shared_types::{Header, Role, Sample, StateEstimate, Topic, Truth};
+use shared_types::{Header, Role, Sample, Slot, StateEstimate, Topic, Truth};
 use simulate::in_process::{InProcess, StateSource};
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -118,16 +119,18 @@ fn no_step_of_a_rig_allocates_where_the_pilot_writes_the_set_points() {
     assert_no_step_allocates(&scenario("disturbance", 3_000, &["attitude_mpc.rate_hz=150"]));
 }
 
+/// Those that fly if they are asked for.
+fn other_controllers() -> impl Iterator<Item = (Slot, &'static str)> {
+    Slot::ALL
+        .into_iter()
+        .flat_map(|slot| names_for(slot.role()).skip(1).map(move |name| (slot, name)))
+}
+
 #[test]
 fn no_step_of_any_other_controller_allocates() {
-    for assignment in
-        ["attitude=\"attitude-lqr\"", "attitude=\"attitude-pid\"", "position=\"position-pid\""]
-    {
-        assert_no_step_allocates(&scenario(
-            "figure8-morph",
-            4_000,
-            &[&format!("controller.{assignment}")],
-        ));
+    for (slot, name) in other_controllers() {
+        let assignment = format!("controller.{}=\"{name}\"", slot.label());
+        assert_no_step_allocates(&scenario("figure8-morph", 4_000, &[&assignment]));
     }
 }
 

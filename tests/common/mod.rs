@@ -13,7 +13,9 @@ pub(crate) mod recording;
 pub(crate) mod time;
 
 use recording::Recording;
+use scenario::services::names_for;
 use serde_json::Value;
+use shared_types::Slot;
 use std::ffi::OsStr;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -182,6 +184,11 @@ impl Flown {
             assert!(self.number(key) == 0.0, "{key}: {}", self.said());
         }
     }
+}
+
+/// Names of the built-in controllers of a slot, the one first that flies it if no other is asked for.
+pub(crate) fn controllers(slot: Slot) -> Vec<&'static str> {
+    names_for(slot.role()).collect()
 }
 
 /// Flies with a recording, from start to end.

@@ -7,20 +7,21 @@
 use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{Running, kill};
 use crate::common::time::{wait_for, wait_until};
-use crate::common::{fly, morphquad, rounds};
+use crate::common::{controllers, fly, morphquad, rounds};
 use rustix::process::Signal;
 use serde_json::Value;
+use shared_types::Slot;
 use tempfile::TempDir;
-
-const ATTITUDE: [&str; 3] = ["attitude-mpc", "attitude-lqr", "attitude-pid"];
-const POSITION: [&str; 2] = ["position-mpc", "position-pid"];
 
 /// Every owner and every candidate of each slot.
 fn pairs() -> impl Iterator<Item = (&'static str, &'static str, &'static str)> {
-    let of = |slot: &'static str, names: &'static [&'static str]| {
-        names.iter().flat_map(move |owner| names.iter().map(move |to| (slot, *owner, *to)))
+    let of = |slot: Slot| {
+        let owners = controllers(slot).into_iter();
+        owners.flat_map(move |owner| {
+            controllers(slot).into_iter().map(move |to| (slot.label(), owner, to))
+        })
     };
-    of("attitude", &ATTITUDE).chain(of("position", &POSITION))
+    Slot::ALL.into_iter().flat_map(of)
 }
 
 /// Flies with a swap, which must come about.
@@ -59,12 +60,12 @@ fn every_controller_may_take_over_from_every_other_in_lockstep() {
 
 #[test]
 fn a_shadow_of_half_a_minute_and_one_at_another_rate_may_take_over() {
-    for to in ["attitude-lqr", "attitude-pid", "attitude-mpc"] {
+    for to in controllers(Slot::Attitude) {
         let pair = ("attitude", "attitude-mpc", to);
         swap(&["hover", "--for", "33s"], pair, "1s,shadow=30s");
         swap(&["figure8-morph", "--for", "8s", "--rate", "attitude-mpc=500"], pair, "3s");
     }
-    for to in POSITION {
+    for to in controllers(Slot::Position) {
         swap(&["hover", "--for", "33s"], ("position", "position-mpc", to), "1s,shadow=30s");
     }
 }

@@ -6,14 +6,12 @@
 //! `MORPHQUAD_REHEARSE=1` every candidate is flown ahead, a null swap's too.
 
 use crate::common::misdeeds::{config, rogue};
-use crate::common::{Flown, SWAP_FAILED, fly};
+use crate::common::{Flown, SWAP_FAILED, controllers, fly};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
+use shared_types::Slot;
 use tempfile::TempDir;
-
-const ATTITUDE: [&str; 3] = ["attitude-mpc", "attitude-lqr", "attitude-pid"];
-const POSITION: [&str; 2] = ["position-mpc", "position-pid"];
 
 /// Swaps to make in all.
 fn swaps(default: usize) -> usize {
@@ -169,8 +167,9 @@ fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
     let (mut ticks, mut hurt, mut spoilt) = (0.0, 0, 0);
     while made < wanted {
         let mut plan = Plan::default();
-        storm(&mut random, "attitude", &ATTITUDE, [400, 200], Some(&folder), &mut plan);
-        storm(&mut random, "position", &POSITION, [600, 200], None, &mut plan);
+        let [attitude, position] = Slot::ALL.map(controllers);
+        storm(&mut random, "attitude", &attitude, [400, 200], Some(&folder), &mut plan);
+        storm(&mut random, "position", &position, [600, 200], None, &mut plan);
         let standbys = ["--standby", "attitude=attitude-mpc", "--standby", "position=position-mpc"];
         let scenario: Vec<&str> = ["figure8-morph", "--no-record"]
             .into_iter()

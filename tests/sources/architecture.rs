@@ -56,16 +56,12 @@ const ALLOWED: [(&str, &[&str]); 44] = [
     (
         "components",
         &[
-            "attitude-lqr",
-            "attitude-mpc",
-            "attitude-pid",
+            "controller",
             "disturbance-injector",
             "estimator",
             "monitor",
             "pilot",
             "plant",
-            "position-mpc",
-            "position-pid",
             "runtime",
             "scenario",
             "shared-types",

@@ -110,6 +110,9 @@ fn fish_words(command: &Command, seen: &str, out: &mut dyn Write) -> io::Result<
 
 #[cfg(test)]
 mod tests {
+    use scenario::services;
+    use shared_types::Slot;
+
     fn text(shell: &str) -> String {
         let (mut out, mut diagnostics) = (Vec::new(), Vec::new());
         let words = ["morphquad", "completions", shell].map(Into::into);
@@ -127,8 +130,11 @@ mod tests {
         }
         for shell in ["bash", "zsh", "fish"] {
             let text = text(shell);
-            let controllers = "attitude-mpc attitude-lqr attitude-pid position-mpc position-pid";
-            for words in ["hover figure8-morph", controllers, "attitude position", "imu pose_fix"] {
+            let controllers =
+                Slot::ALL.into_iter().flat_map(|slot| services::names_for(slot.role()));
+            let controllers = controllers.collect::<Vec<_>>().join(" ");
+            for words in ["hover figure8-morph", &controllers, "attitude position", "imu pose_fix"]
+            {
                 assert!(text.contains(words), "{shell} has no {words}");
             }
         }

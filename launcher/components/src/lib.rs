@@ -5,15 +5,11 @@
 //! be fast, and there texts are read, which need not be.
 
 use ::pilot::{Pilot, RigPilot};
-use attitude_lqr::{AttitudeLqr, LqrLaw};
-use attitude_mpc::AttitudeMpc;
-use attitude_pid::{AttitudePid, PidLaw};
+use controller::ControllerSettings as _;
 use disturbance_injector::DisturbanceInjector;
 use estimator::Estimator;
 use monitor::Monitor;
 use plant::Plant;
-use position_mpc::{Landing, PositionMpc};
-use position_pid::PositionPid;
 use runtime::{Component, Service};
 use scenario::services::{Assignment, names_for};
 use scenario::{Plan, Scenario};
@@ -71,9 +67,18 @@ pub fn visit_service<V: ServiceVisitor>(
 ) -> Result<V::Output, BuildError> {
     let settings = scenario.settings();
     let vehicle = scenario.modelled_vehicle();
-    let after_s = settings.launcher.launcher_grace_s;
-    let landing = Landing { after_s, ..Landing::default() };
-    let yaw_rad = scenario.start_yaw_rad();
+    macro_rules! visit_controller {
+        ([] $($name:literal $section:ident $settings:ty,)*) => {
+            match name {
+                $(Some($name) => {
+                    let service = settings.$section.build(&scenario.flight_facts())?;
+                    return Ok(visitor.visit(service, 1));
+                })*
+                _ => {}
+            }
+        };
+    }
+    scenario::with_controllers!(visit_controller []);
     Ok(match name {
         Some("plant") => {
             visitor.visit(Plant::new(&scenario.plant_config()?)?, settings.plant.state_every.into())
@@ -81,29 +86,6 @@ pub fn visit_service<V: ServiceVisitor>(
         Some("estimator") => {
             let (config, initial) = scenario.filter()?;
             visitor.visit(Estimator::new(config, &initial)?, settings.estimator.state_every.into())
-        }
-        Some("position-mpc") => {
-            let service = PositionMpc::new(scenario.position_law()?, &vehicle, landing)?;
-            visitor.visit(service, 1)
-        }
-        Some("position-pid") => {
-            let service = PositionPid::new(scenario.position_pid()?, &vehicle, landing)?;
-            visitor.visit(service, 1)
-        }
-        Some("attitude-mpc") => {
-            let service = AttitudeMpc::new(scenario.attitude_law()?, &vehicle, yaw_rad)?;
-            visitor.visit(service, 1)
-        }
-        Some("attitude-lqr") => {
-            let config = scenario.attitude_lqr();
-            let law = LqrLaw::new(config, &vehicle)?;
-            let service = AttitudeLqr::new(law, &vehicle, config.timing, yaw_rad);
-            visitor.visit(service, 1)
-        }
-        Some("attitude-pid") => {
-            let config = scenario.attitude_pid();
-            let service = AttitudePid::new(PidLaw::new(config)?, &vehicle, config.timing, yaw_rad);
-            visitor.visit(service, 1)
         }
         Some("disturbance-injector") => {
             let section = &settings.disturbance_injector;
@@ -113,9 +95,7 @@ pub fn visit_service<V: ServiceVisitor>(
                 section.state_every.into(),
             )
         }
-        Some("monitor") => {
-            visitor.visit(Monitor::new(&scenario.monitor_config(landing), &vehicle), 1)
-        }
+        Some("monitor") => visitor.visit(Monitor::new(&scenario.monitor_config(), &vehicle), 1),
         Some(other) => return Err(format!("no service is called `{other}`").into()),
         None => match scenario.plan() {
             Plan::Flight(config) => {

@@ -1,22 +1,18 @@
 //! What each service of a flight is built from.
 
-use crate::services::Assignment;
+use crate::services::{Assignment, usual_rate_hz};
 use crate::{Plan, Scenario, Settings};
 use ::monitor::MonitorConfig;
 use ::pilot::TakenUp;
 use ::pilot::settings::Frame;
 use ::vehicle::ParameterError;
-use attitude_lqr::LqrConfig;
-use attitude_mpc::settings::Surroundings;
 use attitude_mpc::{AttitudeLawConfig, TorqueBound};
-use attitude_pid::PidConfig;
-use controller::attitude::Timing;
+use controller::preview::Landing;
+use controller::{FlightFacts, SetpointBounds};
 use estimator::{FilterConfig, InitialState};
 use plant::gate::UnprovenRange;
-use position_mpc::{Landing, PositionLawConfig};
-use position_pid::PositionPidConfig;
-use position_pid::settings::Shared;
-use shared_types::Role;
+use position_mpc::PositionLawConfig;
+use shared_types::{Role, Slot};
 
 impl Scenario {
     /// What the plant is built from.
@@ -62,32 +58,56 @@ impl Scenario {
         Ok((config, InitialState { velocity_w, q_wb, ..initial }))
     }
 
-    /// What the attitude controller is built from.
+    /// What every controller is told beside its own section.
+    #[must_use]
+    pub fn flight_facts(&self) -> FlightFacts {
+        let settings = &self.settings;
+        let usual = |slot| usual_rate_hz(slot, settings);
+        let bounds = |law: &PositionLawConfig| SetpointBounds {
+            tilt_max_rad: law.tilt_max_rad,
+            thrust_weights: [law.thrust_min_weights, law.thrust_max_weights],
+            thrust_step_max_weights: law.thrust_step_max_weights,
+        };
+        let mut facts = FlightFacts {
+            vehicle: self.modelled_vehicle(),
+            start_yaw_rad: self.start_yaw_rad(),
+            is_rig: settings.pilot.is_rig(),
+            plant_rate_hz: settings.plant.rate_hz,
+            attitude_rate_hz: self.slot_rate_hz(Role::Attitude),
+            position_rate_hz: self.slot_rate_hz(Role::Position),
+            usual_attitude_rate_hz: usual(Slot::Attitude),
+            usual_position_rate_hz: usual(Slot::Position),
+            wrench_latency_s: settings.latency.wrench_command_s,
+            setpoint_latency_s: settings.latency.attitude_setpoint_s,
+            setpoint_bounds: bounds(&PositionLawConfig::default()),
+            landing: self.landing(),
+        };
+        // Without the MPC's own, of which its section is refused, other position controllers are judged by the usual ones.
+        if let Ok(law) = settings.position_mpc.law_config((&facts).into()) {
+            facts.setpoint_bounds = bounds(&law);
+        }
+        facts
+    }
+
+    /// What position controllers fly without a reference.
+    fn landing(&self) -> Landing {
+        Landing { after_s: self.settings.launcher.launcher_grace_s, ..Landing::default() }
+    }
+
+    /// The law of the attitude MPC.
     ///
     /// # Errors
     /// None for a scenario that has been loaded.
     pub fn attitude_law(&self) -> Result<AttitudeLawConfig, attitude_mpc::ConfigError> {
-        let settings = &self.settings;
-        let rig = settings.pilot.is_rig();
-        settings.attitude_mpc.law_config(Surroundings {
-            rotor_lag_s: settings.vehicle.rotor_lag_s,
-            wrench_latency_s: settings.latency.wrench_command_s,
-            report_period_s: 1.0 / settings.plant.rate_hz,
-            setpoint_period_s: if rig { 0.0 } else { 1.0 / self.slot_rate_hz(Role::Position) },
-        })
+        self.settings.attitude_mpc.law_config((&self.flight_facts()).into())
     }
 
-    /// What the position controller is built from; it flies unless the pilot has a rig.
+    /// The law of the position MPC; it flies unless the pilot has a rig.
     ///
     /// # Errors
     /// None for a scenario that has been loaded.
     pub fn position_law(&self) -> Result<PositionLawConfig, position_mpc::ConfigError> {
-        let settings = &self.settings;
-        settings.position_mpc.law_config(position_mpc::settings::Surroundings {
-            rotor_lag_s: settings.vehicle.rotor_lag_s,
-            setpoint_latency_s: settings.latency.attitude_setpoint_s,
-            attitude_period_s: 1.0 / self.slot_rate_hz(Role::Attitude),
-        })
+        self.settings.position_mpc.law_config((&self.flight_facts()).into())
     }
 
     /// Rate of the loop in a slot \[Hz\].
@@ -96,52 +116,15 @@ impl Scenario {
         Assignment::of(&self.settings).rate_hz(role, &self.settings)
     }
 
-    /// Times on the way of an attitude command at the rate of `[attitude_mpc]`.
-    fn attitude_timing(&self) -> Timing {
-        Timing {
-            period_s: 1.0 / self.settings.attitude_mpc.rate_hz,
-            latency_s: self.settings.latency.wrench_command_s,
-            report_s: 1.0 / self.settings.plant.rate_hz,
-            rotor_lag_s: self.settings.vehicle.rotor_lag_s,
-        }
-    }
-
-    /// What the attitude LQR is built from.
+    /// What the monitor is built from.
     #[must_use]
-    pub fn attitude_lqr(&self) -> LqrConfig {
-        self.settings.attitude_lqr.law_config(self.attitude_timing())
-    }
-
-    /// What the attitude PID is built from.
-    #[must_use]
-    pub fn attitude_pid(&self) -> PidConfig {
-        self.settings.attitude_pid.law_config(self.attitude_timing())
-    }
-
-    /// What the position PID is built from; its bounds are those of the position MPC unless it has its
-    /// own.
-    ///
-    /// # Errors
-    /// None for a scenario that has been loaded.
-    pub fn position_pid(&self) -> Result<PositionPidConfig, position_mpc::ConfigError> {
-        let mpc = self.position_law()?;
-        Ok(self.settings.position_pid.law_config(&Shared {
-            rate_hz: mpc.rate_hz,
-            tilt_max_rad: mpc.tilt_max_rad,
-            thrust_weights: [mpc.thrust_min_weights, mpc.thrust_max_weights],
-            thrust_step_max_weights: mpc.thrust_step_max_weights,
-        }))
-    }
-
-    /// What the monitor is built from; `landing` is what position controllers fly without a reference.
-    #[must_use]
-    pub fn monitor_config(&self, landing: Landing) -> MonitorConfig {
+    pub fn monitor_config(&self) -> MonitorConfig {
         let Settings { monitor, latency, .. } = &self.settings;
         MonitorConfig {
             limits: self.settings.monitor_limits(),
             period_s: 1.0 / monitor.rate_hz,
             latency_s: latency.trip_s,
-            landing,
+            landing: self.landing(),
             keeps_to_rotors: self.keeps_to_rotors(),
         }
     }

@@ -1,6 +1,7 @@
 //! The built-in services by name, and who fills which slot.
 
 use crate::Settings;
+use ::controller::ControllerSettings as _;
 use runtime::graph::ROLES;
 use shared_types::{Role, Slot};
 
@@ -16,28 +17,33 @@ pub(crate) struct Loop {
     rate_hz: fn(&Settings) -> f64,
 }
 
-/// The built-in services in data-flow order, the first of a role filling it unless another one is asked for; then the
-/// pilot, which is no process. Controllers of a slot run at the rate of its MPC unless they have their own.
-pub(crate) const LOOPS: &[Loop] = &[
-    Loop::new("plant", "plant", Role::Plant, |s| s.plant.rate_hz),
-    Loop::new("estimator", "estimator", Role::Estimator, |s| s.estimator.rate_hz),
-    Loop::new("position-mpc", "position_mpc", Role::Position, |s| s.position_mpc.rate_hz),
-    Loop::new("position-pid", "position_pid", Role::Position, |s| {
-        s.position_pid.rate_hz.unwrap_or(s.position_mpc.rate_hz)
-    }),
-    Loop::new("attitude-mpc", "attitude_mpc", Role::Attitude, |s| s.attitude_mpc.rate_hz),
-    Loop::new("attitude-lqr", "attitude_lqr", Role::Attitude, |s| {
-        s.attitude_lqr.rate_hz.unwrap_or(s.attitude_mpc.rate_hz)
-    }),
-    Loop::new("attitude-pid", "attitude_pid", Role::Attitude, |s| {
-        s.attitude_pid.rate_hz.unwrap_or(s.attitude_mpc.rate_hz)
-    }),
-    Loop::new("disturbance-injector", "disturbance_injector", Role::Disturbance, |s| {
-        s.disturbance_injector.rate_hz
-    }),
-    Loop::new("monitor", "monitor", Role::Monitor, |s| s.monitor.rate_hz),
-    Loop::new("pilot", "pilot", Role::Pilot, |s| s.pilot.common.rate_hz),
-];
+macro_rules! loops {
+    ([] $($name:literal $section:ident $settings:ty,)*) => {
+        /// The built-in services in data-flow order, the first of a role filling it unless another one is asked for; then
+        /// the pilot, which is no process. Controllers of a slot run at the rate of its MPC unless they have their own.
+        pub(crate) const LOOPS: &[Loop] = &[
+            Loop::new("plant", "plant", Role::Plant, |s| s.plant.rate_hz),
+            Loop::new("estimator", "estimator", Role::Estimator, |s| s.estimator.rate_hz),
+            $(Loop::new($name, stringify!($section), <$settings>::SLOT.role(), |s| {
+                s.$section.rate_hz().unwrap_or_else(|| usual_rate_hz(<$settings>::SLOT, s))
+            }),)*
+            Loop::new("disturbance-injector", "disturbance_injector", Role::Disturbance, |s| {
+                s.disturbance_injector.rate_hz
+            }),
+            Loop::new("monitor", "monitor", Role::Monitor, |s| s.monitor.rate_hz),
+            Loop::new("pilot", "pilot", Role::Pilot, |s| s.pilot.common.rate_hz),
+        ];
+    };
+}
+with_controllers!(loops []);
+
+/// Rate of a controller whose section has none \[Hz\].
+pub(crate) fn usual_rate_hz(slot: Slot, settings: &Settings) -> f64 {
+    match slot {
+        Slot::Attitude => settings.attitude_mpc.rate_hz,
+        Slot::Position => settings.position_mpc.rate_hz,
+    }
+}
 
 impl Loop {
     const fn new(

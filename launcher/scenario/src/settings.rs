@@ -8,6 +8,7 @@ pub use super::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings}
 pub use super::start::StartSettings;
 pub use super::vehicle::{GeometrySettings, VehicleSettings};
 pub use super::verdict::VerdictSettings;
+use ::controller::ControllerSettings as _;
 use garde::Validate;
 pub use host::realtime::Policy;
 use runtime::MissPolicy;
@@ -44,11 +45,16 @@ impl Settings {
     /// Thresholds of the monitor for the position controllers as they are configured here.
     #[must_use]
     pub fn monitor_limits(&self) -> ::monitor::Limits {
-        let (mpc, pid) = (&self.position_mpc, &self.position_pid);
-        let least = [mpc.thrust_min_weights, pid.thrust_min_weights].into_iter().flatten();
-        let most = [mpc.thrust_max_weights, pid.thrust_max_weights].into_iter().flatten();
+        macro_rules! bounds {
+            ([] $($name:literal $section:ident $settings:ty,)*) => {
+                [$(self.$section.thrust_weights(),)*]
+            };
+        }
         // What is left to the laws is within the monitor's own thresholds.
-        self.monitor.limits([least.fold(1.0, f64::min), most.fold(1.0, f64::max)])
+        let weights = with_controllers!(bounds []).into_iter().fold([1.0_f64; 2], |all, own| {
+            [all[0].min(own[0].unwrap_or(1.0)), all[1].max(own[1].unwrap_or(1.0))]
+        });
+        self.monitor.limits(weights)
     }
 }
 

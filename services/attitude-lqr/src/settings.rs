@@ -1,11 +1,14 @@
 //! The section `[attitude_lqr]` of a scenario.
 
 use controller::attitude::Timing;
+use controller::{BuildError, ControllerSettings, FlightFacts};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
+use shared_types::Slot;
 
 use crate::design::LqrConfig;
+use crate::{AttitudeLqr, LqrError, LqrLaw};
 
 /// What the law is told by a scenario.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
@@ -45,6 +48,27 @@ impl Default for Settings {
             windup_s: 0.05,
             rotor_lag_s: None,
         }
+    }
+}
+
+impl ControllerSettings for Settings {
+    type Service = AttitudeLqr;
+    const SLOT: Slot = Slot::Attitude;
+
+    fn rate_hz(&self) -> Option<f64> {
+        self.rate_hz
+    }
+
+    fn build(&self, flight: &FlightFacts) -> Result<AttitudeLqr, BuildError> {
+        let config = self.law_config(flight.into());
+        let law = LqrLaw::new(config, &flight.vehicle).map_err(|error| match error {
+            LqrError::Range(error) => error.into(),
+            other => BuildError::Refused {
+                what: other.to_string(),
+                remedy: "choose weights nearer to the defaults",
+            },
+        })?;
+        Ok(AttitudeLqr::new(law, &flight.vehicle, config.timing, flight.start_yaw_rad))
     }
 }
 

@@ -7,13 +7,16 @@
 //! thrusts, and 3 for each sample of Np if angles are bounded, 3 more if rates are. There is room
 //! for [`mpc::ROW_CAPACITY`], 1024, of them; more are refused.
 
+use controller::{BuildError, ControllerSettings, FlightFacts};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use shared_types::Slot;
 use vehicle::MorphAngle;
 
 use crate::{
-    AttitudeLawConfig, Basis, ConfigError, Horizon, HorizonChoice, SolverKind, TorqueBound,
+    AttitudeLawConfig, AttitudeMpc, Basis, ConfigError, Horizon, HorizonChoice, SolverKind,
+    TorqueBound,
 };
 
 /// What the attitude law is told by a scenario.
@@ -164,6 +167,41 @@ pub struct Surroundings {
     pub report_period_s: f64,
     /// Period of the position loop \[s\]; 0 if setpoints come as steps.
     pub setpoint_period_s: f64,
+}
+
+impl From<&FlightFacts> for Surroundings {
+    fn from(flight: &FlightFacts) -> Self {
+        let setpoint_period_s = if flight.is_rig { 0.0 } else { 1.0 / flight.position_rate_hz };
+        Self {
+            rotor_lag_s: flight.vehicle.rotor_lag_s,
+            wrench_latency_s: flight.wrench_latency_s,
+            report_period_s: 1.0 / flight.plant_rate_hz,
+            setpoint_period_s,
+        }
+    }
+}
+
+impl ControllerSettings for Settings {
+    type Service = AttitudeMpc;
+    const SLOT: Slot = Slot::Attitude;
+
+    fn rate_hz(&self) -> Option<f64> {
+        Some(self.rate_hz)
+    }
+
+    fn build(&self, flight: &FlightFacts) -> Result<AttitudeMpc, BuildError> {
+        self.law_config(flight.into())
+            .and_then(|config| AttitudeMpc::new(config, &flight.vehicle, flight.start_yaw_rad))
+            .map_err(|error| BuildError::Refused {
+                what: error.to_string(),
+                remedy: "see its section",
+            })
+    }
+
+    /// A scenario asks for [`law_config`](Settings::law_config) and says which key is to blame.
+    fn check(&self, _flight: &FlightFacts) -> Result<(), BuildError> {
+        Ok(())
+    }
 }
 
 impl Settings {

@@ -1,11 +1,14 @@
 //! The section `[attitude_pid]` of a scenario.
 
 use controller::attitude::Timing;
+use controller::{BuildError, ControllerSettings, FlightFacts};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
+use shared_types::Slot;
 
-use crate::law::PidConfig;
+use crate::AttitudePid;
+use crate::law::{PidConfig, PidLaw};
 
 /// What the law is told by a scenario.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
@@ -56,6 +59,21 @@ impl Default for Settings {
             windup_s: 0.03,
             rotor_lag_s: None,
         }
+    }
+}
+
+impl ControllerSettings for Settings {
+    type Service = AttitudePid;
+    const SLOT: Slot = Slot::Attitude;
+
+    fn rate_hz(&self) -> Option<f64> {
+        self.rate_hz
+    }
+
+    fn build(&self, flight: &FlightFacts) -> Result<AttitudePid, BuildError> {
+        let config = self.law_config(flight.into());
+        let law = PidLaw::new(config)?;
+        Ok(AttitudePid::new(law, &flight.vehicle, config.timing, flight.start_yaw_rad))
     }
 }
 

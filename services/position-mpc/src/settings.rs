@@ -5,13 +5,15 @@
 //! A program has 6 constraint rows for each block, or for each sample of Nc where there are none, and 3 for each sample of
 //! Np if speeds are bounded. There is room for [`mpc::ROW_CAPACITY`], 1024, of them; more are refused.
 
+use controller::{BuildError, ControllerSettings, FlightFacts};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
+use shared_types::Slot;
 
 use crate::config::{BLOCKS, USUAL_ATTITUDE_PERIOD_S, USUAL_LATENCY_S};
 use crate::transport::transport_s;
-use crate::{Basis, ConfigError, Horizon, PositionLawConfig, SolverKind, TiltBound};
+use crate::{Basis, ConfigError, Horizon, PositionLawConfig, PositionMpc, SolverKind, TiltBound};
 
 /// Samples over which inputs that move by Laguerre functions are bounded at least.
 const LAGUERRE_CONTROL: usize = 3;
@@ -150,6 +152,43 @@ impl Surroundings {
     fn late_s(&self, period_s: f64) -> f64 {
         let usual_s = transport_s(USUAL_LATENCY_S, USUAL_ATTITUDE_PERIOD_S, period_s);
         (transport_s(self.setpoint_latency_s, self.attitude_period_s, period_s) - usual_s).max(0.0)
+    }
+}
+
+impl From<&FlightFacts> for Surroundings {
+    fn from(flight: &FlightFacts) -> Self {
+        Self {
+            rotor_lag_s: flight.vehicle.rotor_lag_s,
+            setpoint_latency_s: flight.setpoint_latency_s,
+            attitude_period_s: 1.0 / flight.attitude_rate_hz,
+        }
+    }
+}
+
+impl ControllerSettings for Settings {
+    type Service = PositionMpc;
+    const SLOT: Slot = Slot::Position;
+
+    fn rate_hz(&self) -> Option<f64> {
+        Some(self.rate_hz)
+    }
+
+    fn thrust_weights(&self) -> [Option<f64>; 2] {
+        [self.thrust_min_weights, self.thrust_max_weights]
+    }
+
+    fn build(&self, flight: &FlightFacts) -> Result<PositionMpc, BuildError> {
+        self.law_config(flight.into())
+            .and_then(|config| PositionMpc::new(config, &flight.vehicle, flight.landing))
+            .map_err(|error| BuildError::Refused {
+                what: error.to_string(),
+                remedy: "see its section",
+            })
+    }
+
+    /// A scenario asks for [`law_config`](Settings::law_config) and says which key is to blame.
+    fn check(&self, _flight: &FlightFacts) -> Result<(), BuildError> {
+        Ok(())
     }
 }
 

@@ -1,9 +1,12 @@
 //! The section `[position_pid]` of a scenario.
 
+use controller::{BuildError, ControllerSettings, FlightFacts, SetpointBounds};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
+use shared_types::Slot;
 
+use crate::PositionPid;
 use crate::law::PositionPidConfig;
 
 /// What the law is told by a scenario; bounds left out are those of `[position_mpc]`.
@@ -69,33 +72,38 @@ impl Default for Settings {
     }
 }
 
-/// What is taken from the section of the position MPC.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shared {
-    /// Control rate \[Hz\].
-    pub rate_hz: f64,
-    /// Bound on |φ| and |θ| \[rad\].
-    pub tilt_max_rad: f64,
-    /// Least and largest thrust over weight.
-    pub thrust_weights: [f64; 2],
-    /// Bound on the change of thrust over weight in one sample.
-    pub thrust_step_max_weights: f64,
+impl ControllerSettings for Settings {
+    type Service = PositionPid;
+    const SLOT: Slot = Slot::Position;
+
+    fn rate_hz(&self) -> Option<f64> {
+        self.rate_hz
+    }
+
+    fn thrust_weights(&self) -> [Option<f64>; 2] {
+        [self.thrust_min_weights, self.thrust_max_weights]
+    }
+
+    fn build(&self, flight: &FlightFacts) -> Result<PositionPid, BuildError> {
+        let config = self.law_config(flight.usual_position_rate_hz, &flight.setpoint_bounds);
+        Ok(PositionPid::new(config, &flight.vehicle, flight.landing)?)
+    }
 }
 
 impl Settings {
-    /// The law's numbers.
+    /// The law's numbers, with a rate and bounds for what the section leaves out.
     #[must_use]
-    pub fn law_config(&self, shared: &Shared) -> PositionPidConfig {
-        let [least, most] = shared.thrust_weights;
+    pub fn law_config(&self, usual_rate_hz: f64, bounds: &SetpointBounds) -> PositionPidConfig {
+        let [least, most] = bounds.thrust_weights;
         PositionPidConfig {
-            rate_hz: self.rate_hz.unwrap_or(shared.rate_hz),
+            rate_hz: self.rate_hz.unwrap_or(usual_rate_hz),
             position_gain_s: self.position_gain_s,
             velocity_gain_s: self.velocity_gain_s,
             integral_s: self.integral_s,
             speed_max_m_s: self.speed_max_m_s,
             lead_s: self.lead_s,
             windup_s: self.windup_s,
-            tilt_max_rad: self.tilt_max_rad.unwrap_or(shared.tilt_max_rad),
+            tilt_max_rad: self.tilt_max_rad.unwrap_or(bounds.tilt_max_rad),
             tilt_step_max_rad: self.tilt_step_max_rad,
             thrust_weights: [
                 self.thrust_min_weights.unwrap_or(least),
@@ -103,7 +111,7 @@ impl Settings {
             ],
             thrust_step_max_weights: self
                 .thrust_step_max_weights
-                .unwrap_or(shared.thrust_step_max_weights),
+                .unwrap_or(bounds.thrust_step_max_weights),
         }
     }
 }

@@ -5,9 +5,10 @@
 mod rig;
 
 use attitude_mpc::{AttitudeLaw, AttitudeLawConfig};
+use controller::SetpointBounds;
 use nalgebra::Vector3;
 use position_mpc::PositionLawConfig;
-use position_pid::settings::{Settings, Shared};
+use position_pid::settings::Settings;
 use position_pid::{Input, Output, PositionPidConfig, PositionPidLaw, Setpoint, Target};
 use rig::{Flight, MS, SIZES, nanoseconds, release_ns};
 use vehicle::{
@@ -23,12 +24,12 @@ type Reference = fn(f64) -> (Vector3<f64>, f64);
 
 fn config(rate_hz: f64, settings: &Settings) -> PositionPidConfig {
     let bounds = PositionLawConfig::flight(50.0);
-    settings.law_config(&Shared {
-        rate_hz,
+    let bounds = SetpointBounds {
         tilt_max_rad: bounds.tilt_max_rad,
         thrust_weights: [bounds.thrust_min_weights, bounds.thrust_max_weights],
         thrust_step_max_weights: bounds.thrust_step_max_weights,
-    })
+    };
+    settings.law_config(rate_hz, &bounds)
 }
 
 fn law(rate_hz: f64) -> PositionPidLaw {

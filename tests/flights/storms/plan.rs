@@ -1,7 +1,9 @@
 //! What happens in a storm: drawn from its seed, in instants of the flight.
 
+use crate::common::controllers;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng as _};
+use shared_types::Slot;
 
 /// Orders and faults between these instants \[s\].
 const FROM_S: f64 = 0.5;
@@ -13,10 +15,6 @@ const SETTLE_S: f64 = 0.3;
 /// A stopped process goes on after at most this \[s\].
 const STOPPED_S: f64 = 0.5;
 
-const SLOTS: [(&str, &[&str]); 2] = [
-    ("attitude", &["attitude-mpc", "attitude-lqr", "attitude-pid"]),
-    ("position", &["position-mpc", "position-pid"]),
-];
 /// What flies alone in its role and is started again when it dies.
 const ALONE: [&str; 3] = ["estimator", "disturbance-injector", "monitor"];
 
@@ -86,7 +84,7 @@ pub(super) fn storm(seed: u64, kind: Kind) -> Vec<(f64, Act)> {
 fn flies(act: &Act, acts: &[(f64, Act)]) -> bool {
     let (Act::Kill { name } | Act::Stop { name, .. }) = act else { return true };
     let is_swapped_in = |(_, act): &(f64, Act)| matches!(act, Act::Swap { to, .. } if to == name);
-    SLOTS.iter().any(|(_, names)| names[0] == *name)
+    Slot::ALL.into_iter().any(|slot| controllers(slot)[0] == *name)
         || ALONE.contains(name)
         || acts.iter().any(is_swapped_in)
 }
@@ -105,8 +103,9 @@ fn overlap((a_s, a): (f64, &Act), (b_s, b): (f64, &Act)) -> bool {
 
 /// One act; none if the kind does not have what was drawn.
 fn draw(random: &mut ChaCha8Rng, kind: Kind) -> Option<Act> {
-    let (slot, names) = one_of(random, &SLOTS);
-    let name = one_of(random, names);
+    let slot = one_of(random, &Slot::ALL);
+    let name = one_of(random, &controllers(slot));
+    let slot = slot.label();
     let act = match random.next_u32() % 20 {
         0..7 => Act::Swap {
             slot,

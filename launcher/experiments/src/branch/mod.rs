@@ -269,6 +269,8 @@ mod tests {
     use core::time::Duration;
     use observe::FlightHash;
     use scenario::Override;
+    use scenario::services::names_for;
+    use shared_types::Slot;
     use simulate::in_process::StateSource;
 
     fn record(name: &str, duration: Duration) -> (Scenario, String, Arc<Tape>) {
@@ -310,8 +312,12 @@ mod tests {
     fn a_slot_given_to_another_kind_flies_on_from_what_was_applied() {
         let (scenario, hash, tape) = record("figure8-morph", Duration::from_secs(3));
         let branch = Branch::prepare(scenario, tape, true, At::Time(1_500_000_000)).unwrap();
-        for swap in ["attitude=attitude-lqr", "attitude=attitude-pid", "position=position-pid"] {
-            let change = Change { swap: vec![swap.to_owned()], ..Change::default() };
+        let others = |slot: Slot| {
+            let names = names_for(slot.role()).skip(1);
+            names.map(move |name| format!("{}={name}", slot.label()))
+        };
+        for swap in Slot::ALL.into_iter().flat_map(others) {
+            let change = Change { swap: vec![swap.clone()], ..Change::default() };
             let (other, first) = fly(&branch, &change);
             assert_ne!(other, hash, "{swap}");
             assert!(first.unwrap().release_ns >= 1_500_000_000, "{swap}");

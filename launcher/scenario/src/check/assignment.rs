@@ -3,10 +3,7 @@
 use super::Checker;
 use crate::services::{self, Assignment};
 use crate::suggest;
-use attitude_lqr::{LqrError, LqrLaw};
-use attitude_pid::PidLaw;
-use controller::OutOfRange;
-use position_pid::PositionPidLaw;
+use controller::{BuildError, ControllerSettings as _, OutOfRange};
 use shared_types::Slot;
 
 impl Checker<'_> {
@@ -23,7 +20,7 @@ impl Checker<'_> {
         self.alternates();
     }
 
-    /// Builds the laws that fly, or that have a section, so that they say here what they refuse.
+    /// Asks the controllers that fly, or that have a section, what they refuse.
     fn alternates(&mut self) {
         let assignment = Assignment::of(self.settings());
         let flies = |name: &str| {
@@ -31,34 +28,24 @@ impl Checker<'_> {
         };
         let wanted =
             |name: &str, section: &str| flies(name) || self.document.root().contains_key(section);
-        let (lqr, pid) =
-            (wanted("attitude-lqr", "attitude_lqr"), wanted("attitude-pid", "attitude_pid"));
-        let position = wanted("position-pid", "position_pid");
         let vehicle = self.scenario.modelled_vehicle();
         if vehicle.validate().is_err() {
             return;
         }
-        if lqr {
-            match LqrLaw::new(self.scenario.attitude_lqr(), &vehicle) {
-                Ok(_) | Err(LqrError::Vehicle(_)) => {}
-                Err(LqrError::Range(error)) => self.out_of_range("attitude_lqr", &error),
-                Err(error @ LqrError::NotStabilisable) => {
-                    self.error(
-                        "attitude_lqr",
-                        error.to_string(),
-                        "choose weights nearer to the defaults",
-                    );
-                }
+        let flight = self.scenario.flight_facts();
+        let settings = self.settings();
+        macro_rules! refusals {
+            ([] $($name:literal $section:ident $settings:ty,)*) => {
+                [$((stringify!($section), wanted($name, stringify!($section))
+                    .then(|| settings.$section.check(&flight).err()).flatten()),)*]
+            };
+        }
+        for (section, refusal) in with_controllers!(refusals []) {
+            match refusal {
+                Some(BuildError::Range(error)) => self.out_of_range(section, &error),
+                Some(BuildError::Refused { what, remedy }) => self.error(section, what, remedy),
+                None => {}
             }
-        }
-        if pid && let Err(error) = PidLaw::new(self.scenario.attitude_pid()) {
-            self.out_of_range("attitude_pid", &error);
-        }
-        if position
-            && let Ok(config) = self.scenario.position_pid()
-            && let Err(error) = PositionPidLaw::new(config, &vehicle)
-        {
-            self.out_of_range("position_pid", &error);
         }
     }
 

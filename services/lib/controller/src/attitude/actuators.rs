@@ -1,5 +1,6 @@
 //! The torque behind the rotors' lag, and u(k−1), as far as the plant's reports tell.
 
+use crate::FlightFacts;
 use mpc::LaggedAxis;
 use nalgebra::Vector3;
 
@@ -17,6 +18,18 @@ pub struct Timing {
     pub report_s: f64,
     /// Rotor lag.
     pub rotor_lag_s: f64,
+}
+
+impl From<&FlightFacts> for Timing {
+    /// At the usual rate of the slot.
+    fn from(flight: &FlightFacts) -> Self {
+        Self {
+            period_s: 1.0 / flight.usual_attitude_rate_hz,
+            latency_s: flight.wrench_latency_s,
+            report_s: 1.0 / flight.plant_rate_hz,
+            rotor_lag_s: flight.vehicle.rotor_lag_s,
+        }
+    }
 }
 
 impl Timing {
