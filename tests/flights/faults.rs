@@ -329,6 +329,20 @@ fn a_realtime_flight_stays_in_its_place_after_a_death() {
     }
 }
 
+/// Time is held for a candidate that has joined; how long that takes by the wall clock is nothing to it.
+#[test]
+fn a_launcher_that_is_stopped_for_six_seconds_in_lockstep_leaves_no_trace() {
+    let scenario = ["hover", "--for", "4s", "--swap", "attitude=attitude-pid@1s,no-rehearsal"];
+    let expected = fly(&scenario);
+    let mut running = Running::start(&[&scenario[..], &["--speed", "4"]].concat());
+    wait_until("the candidate is started", || running.process("attitude-pid").is_some());
+    assert!(kill(running.launcher_pid(), Signal::STOP));
+    pause_ms(6000);
+    assert!(kill(running.launcher_pid(), Signal::CONT));
+    let flown = running.wait();
+    assert_eq!((flown.code, flown.hash()), (Some(0), expected.hash()), "{}", flown.said());
+}
+
 #[test]
 #[ignore = "soak: how far the vehicle drifts depends on when the launcher goes on, and on what else runs"]
 fn an_owner_that_dies_while_the_launcher_is_stopped_for_three_seconds_is_replaced() {

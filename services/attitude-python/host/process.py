@@ -5,6 +5,7 @@ import contextlib
 import fcntl
 import gc
 import hashlib
+import math
 import os
 import pathlib
 import select
@@ -212,8 +213,10 @@ class Process:
         return any(line[:4] == own for line in self._bus.registry)
 
     def _await_handover(self):
-        limit_ns = now_ns() + int(HANDOVER_LIMIT_S * 1e9)
-        while now_ns() < limit_ns and self.ending() is None:
+        # In lockstep time is held meanwhile, also if the launcher is stopped.
+        limit_s = HANDOVER_LIMIT_S if self.is_realtime else math.inf
+        begun_ns = now_ns()
+        while now_ns() - begun_ns < 1e9 * limit_s and self.ending() is None:
             while (sample := self._handover.receive()) is not None:
                 is_meant = sample.user_header().contents.generation == self.options.generation
                 is_meant = is_meant and self._bus.is_leader(sample.header.node_id.value)

@@ -86,7 +86,12 @@ impl Flight {
     /// for that reason, and no process that died could be started again.
     pub(super) fn name_standstill(&mut self, now_ns: u64) {
         let stood_ns = now_ns.saturating_sub(self.looked_ns.replace(now_ns).unwrap_or(now_ns));
-        if stood_ns < STANDSTILL_NS || self.conductor.mode() == ClockMode::Lockstep {
+        if stood_ns < STANDSTILL_NS {
+            return;
+        }
+        // In lockstep no process could go on beyond what this launcher had allowed.
+        self.progress_at.0 = now_ns;
+        if self.conductor.mode() == ClockMode::Lockstep {
             return;
         }
         let text = format!(

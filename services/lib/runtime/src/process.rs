@@ -25,7 +25,8 @@ use thiserror::Error;
 
 /// Wall-clock limit of every wait, after which shared memory is read again.
 const WAIT_LIMIT: Duration = Duration::from_millis(20);
-/// Longest wait for a hand-over state \[ns\].
+/// Longest wait for a hand-over state in realtime \[ns\]. In lockstep time is held meanwhile, also if the launcher is
+/// stopped, and one that dies is noticed.
 const HANDOVER_LIMIT_NS: u64 = 5_000_000_000;
 
 /// How a process left its loop.
@@ -169,7 +170,7 @@ impl<'a> Process<'a> {
             if self.stop_requested().is_some() {
                 return Ok(());
             }
-            if mono_now_ns() > deadline_ns {
+            if mono_now_ns() > deadline_ns && self.read_clock().mode != ClockMode::Lockstep {
                 return Err(ProcessError::NoHandover);
             }
             let _ = self.listener.wait(Duration::from_millis(2));
