@@ -21,7 +21,7 @@ pub enum Slot {
 pub struct SlotSpec {
     /// Role of the controllers that fill it.
     pub role: Role,
-    /// What its owner commands. The consumer of the slot is who reads it.
+    /// What its owner commands.
     pub command: &'static TopicInfo,
     /// Who owns it from when.
     pub owner: &'static Topic<OwnerRecord>,

@@ -5,7 +5,7 @@
 //! be fast, and there texts are read, which need not be.
 
 use ::pilot::{Pilot, RigPilot};
-use controller::ControllerSettings as _;
+use controller::ControllerSection as _;
 use disturbance_injector::DisturbanceInjector;
 use estimator::Estimator;
 use monitor::Monitor;

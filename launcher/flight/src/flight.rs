@@ -47,8 +47,9 @@ use swap::{FlightError, Script, SlotContext, Slots};
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
-/// The same in realtime, where no loop waits for the launcher: consumers move to a fallback by themselves, and what is to
-/// be recorded waits in rings of two seconds. At 1 kHz the launcher took a quarter of a flight's processor time.
+/// The same in realtime while no process joins: those that fly do not wait for the launcher, consumers move to a fallback
+/// by themselves, and what is to be recorded waits in rings of half a second or more. At 1 kHz the launcher took a quarter
+/// of a flight's processor time.
 const REALTIME_LOOK_EVERY_NS: u64 = 4_000_000;
 /// No swap is accepted while the monitor has not stepped for so many of its periods and for so much wall time \[s\]:
 /// faster than the wall clock, or at a high rate, no machine keeps to three periods.
@@ -187,10 +188,14 @@ struct Flight {
     looked_ns: Option<u64>,
     /// When to look again at all files of the run in shared memory \[ns\].
     next_file_look_ns: u64,
-    /// How often services were put back.
-    removals: u32,
+    /// How often services were put back, and how often they could not be.
+    removals: (u32, u32),
+    /// When a process had joined last as memory was reserved, by `CLOCK_MONOTONIC` \[ns\].
+    reserved_after_ns: u64,
     /// Takes the memory of what has been made since, where none is locked.
     reservation: Option<Reservation>,
+    /// A realtime flight that takes no memory before it touches it.
+    is_exposed: bool,
     /// The clock as the run's processes hear it.
     clock_reader: LatestPort<ClockRecord>,
     progress: Option<indicatif::ProgressBar>,
@@ -202,16 +207,11 @@ impl Flight {
     fn fly(&mut self) -> Outcome {
         let mut interrupted = false;
         let mut leave_by_ns = u64::MAX;
-        let look_every_ns = match self.conductor.mode() {
-            ClockMode::Realtime => REALTIME_LOOK_EVERY_NS,
-            _ => LOOK_EVERY_NS,
-        };
         loop {
             let now_ns = mono_now_ns();
             self.tap.drain(now_ns);
             let drained = self.drained_ns();
             self.name_standstill(now_ns);
-            self.look_at_files(now_ns);
             let looked_after = self.look_after(now_ns).and_then(|()| self.follow_script(now_ns));
             self.publish_notices(drained);
             self.name_strays();
@@ -260,8 +260,16 @@ impl Flight {
             if let Err(error) = self.answer(now_ns) {
                 return Outcome::Lost(error.to_string());
             }
-            sleep_until(now_ns + look_every_ns);
+            self.look_at_files(now_ns);
+            sleep_until(now_ns + self.look_every_ns());
         }
+    }
+
+    /// Until the next look around \[ns\]: soon if a process waits for one, which joins or is to be started again.
+    fn look_every_ns(&self) -> u64 {
+        let is_realtime = self.conductor.mode() == ClockMode::Realtime;
+        let is_patient = is_realtime && !self.supervisor.has_arrivals();
+        if is_patient { REALTIME_LOOK_EVERY_NS } else { LOOK_EVERY_NS }
     }
 
     /// Answers the clients that ask from outside.

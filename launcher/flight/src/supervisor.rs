@@ -387,6 +387,20 @@ impl Supervisor {
         self.posts.iter().all(|post| post.finished || !Self::flies_on(post))
     }
 
+    /// When a process joined last, by `CLOCK_MONOTONIC` \[ns\].
+    pub(super) fn joined_mono_ns(&self) -> u64 {
+        self.joined_mono_ns
+    }
+
+    /// True while a process is starting, waits for its first orders, or is to be started again.
+    pub(super) fn has_arrivals(&self) -> bool {
+        let arrives = |post: &Post| {
+            post.restart_at_ns.is_some()
+                || post.child.is_some() && (!post.ready || post.awaits_handover)
+        };
+        self.posts.iter().any(arrives)
+    }
+
     /// True while a process that has been restarted is not ready, for which it has a limit of its own.
     pub(super) fn is_restarting(&self) -> bool {
         let is_new = |post: &Post| post.child.is_some() && !post.ready;

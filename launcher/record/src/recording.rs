@@ -287,8 +287,9 @@ impl Recording {
                     0 => receipt_mono_ns,
                     stamped => stamped,
                 };
-                let log_ns = unix_ns(receipt_mono_ns.max(publish_mono_ns));
-                Stamps { log_ns, publish_ns: unix_ns(publish_mono_ns) }
+                // When the recorder looked is nothing that a viewer should draw a signal by.
+                let published_ns = unix_ns(publish_mono_ns);
+                Stamps { log_ns: published_ns, publish_ns: published_ns }
             }
         }
     }

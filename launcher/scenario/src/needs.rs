@@ -12,11 +12,11 @@ pub const SHARED_MEMORY_MB: u64 = 160;
 /// standby in each slot 441 were counted, and 19 for each instance.
 pub const LOCKED_MEMORY_MB: u64 = 480;
 
-/// What a process that joins in realtime may add to it \[MB\]: 19 were counted for a controller, and an estimator that was
+/// What a process that joins may add to it \[MB\] where all memory is taken: 19 were counted for a controller, and an estimator that was
 /// started again with 24 died of it.
 const REALTIME_INSTANCE_MB: u64 = 48;
 
-/// The same in lockstep, where nothing takes what is not touched: 2 were enough.
+/// The same where only what is touched is taken: 2 were enough in lockstep.
 const INSTANCE_MB: u64 = 8;
 
 /// File descriptors that a launcher may have open at once: with a candidate in each slot 657 were counted.
@@ -65,21 +65,16 @@ pub fn shared_memory_mb(settings: &Settings, may_lock: bool) -> u64 {
     if locks(settings, may_lock) { LOCKED_MEMORY_MB } else { SHARED_MEMORY_MB }
 }
 
-/// Shared memory that a process may take that joins in flight \[MB\]: without it, it and those that it talks to would die
-/// of SIGBUS.
+/// Shared memory that a process may take that joins in flight \[MB\], in one that takes all of it or what it touches:
+/// without it, it and those that it talks to would die of SIGBUS.
 #[must_use]
-pub fn instance_mb(settings: &Settings) -> u64 {
-    if is_realtime(settings) { REALTIME_INSTANCE_MB } else { INSTANCE_MB }
+pub fn instance_mb(settings: &Settings, takes_all: bool) -> u64 {
+    if is_realtime(settings) && takes_all { REALTIME_INSTANCE_MB } else { INSTANCE_MB }
 }
 
-/// True of a realtime flight that cannot lock its memory, or is not to: it takes what it may touch before it touches it,
-/// if there is so much.
+/// True of a realtime flight whose processes lock their memory, on a machine where they may or not.
 #[must_use]
-pub fn reserves(settings: &Settings, may_lock: bool) -> bool {
-    is_realtime(settings) && !locks(settings, may_lock)
-}
-
-fn locks(settings: &Settings, may_lock: bool) -> bool {
+pub fn locks(settings: &Settings, may_lock: bool) -> bool {
     is_realtime(settings) && settings.realtime.lock_memory && may_lock
 }
 

@@ -1,7 +1,7 @@
 //! The built-in services by name, and who fills which slot.
 
 use crate::Settings;
-use ::controller::ControllerSettings as _;
+use ::controller::ControllerSection as _;
 use runtime::graph::ROLES;
 use shared_types::{Role, Slot};
 

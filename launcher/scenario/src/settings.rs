@@ -8,7 +8,7 @@ pub use super::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings}
 pub use super::start::StartSettings;
 pub use super::vehicle::{GeometrySettings, VehicleSettings};
 pub use super::verdict::VerdictSettings;
-use ::controller::ControllerSettings as _;
+use ::controller::ControllerSection as _;
 use garde::Validate;
 pub use host::realtime::Policy;
 use runtime::MissPolicy;

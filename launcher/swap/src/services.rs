@@ -17,7 +17,7 @@ pub struct HeldServices {
     _factories: Vec<Box<dyn Any>>,
     /// Their names.
     names: Vec<String>,
-    /// What puts them back, in a run that other processes join.
+    /// What puts them back, once they are protected.
     spare: Option<SpareLinks>,
 }
 
@@ -73,8 +73,8 @@ impl<'a> Holder<'a> {
         self.names.push(name);
     }
 
-    fn held(self, spare: Option<SpareLinks>) -> HeldServices {
-        HeldServices { _factories: self.factories, names: self.names, spare }
+    fn held(self) -> HeldServices {
+        HeldServices { _factories: self.factories, names: self.names, spare: None }
     }
 
     fn creates(&self, service: &str) -> bool {
@@ -167,7 +167,16 @@ impl HeldServices {
         }
         holder.seat(seat)?;
         holder.launcher()?;
-        Ok(holder.held(None))
+        Ok(holder.held())
+    }
+
+    /// Links all files a second time, so that they can be put back.
+    ///
+    /// # Errors
+    /// The run's folder cannot be written.
+    pub fn protect(&mut self, bus: &Bus) -> Result<(), PortError> {
+        self.spare = Some(bus.spare_services()?);
+        Ok(())
     }
 
     /// Puts back what another program has removed since the last look, perhaps for others of their names: any client of
@@ -175,7 +184,9 @@ impl HeldServices {
     /// else only if `all_files` are to be looked at.
     pub fn put_back(&mut self, bus: &Bus, all_files: bool) -> Option<RemovedServices> {
         let spare = self.spare.as_mut()?;
-        if !(all_files || spare.may_be_needed()) || spare.are_all_in_place() {
+        if spare.are_in_place(all_files) {
+            // Without room for a link the file itself is still there.
+            let _ = all_files.then(|| spare.renew());
             return None;
         }
         let mut names: Vec<_> =
@@ -183,12 +194,7 @@ impl HeldServices {
         if names.is_empty() {
             names.push("one whose files are others now".to_owned());
         }
-        let put_back = spare.put_back();
-        if put_back.is_err() {
-            // It is told once.
-            self.spare = None;
-        }
-        Some(RemovedServices { names, put_back })
+        Some(RemovedServices { names, put_back: spare.put_back() })
     }
 
     fn hold(bus: &Bus, way: Way) -> Result<Self, PortError> {
@@ -196,8 +202,7 @@ impl HeldServices {
         topics::visit_all(&mut holder)?;
         Role::STEPPING.into_iter().flat_map(Seat::all).try_for_each(|seat| holder.seat(seat))?;
         holder.launcher()?;
-        let spare = bus.spare_services()?;
-        Ok(holder.held(Some(spare)))
+        Ok(holder.held())
     }
 }
 

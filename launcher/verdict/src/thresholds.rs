@@ -66,7 +66,7 @@ pub struct Basis {
     pub after_step_s: f64,
     /// Number of samples of the fastest topic in a period of the slowest loop.
     pub samples_per_step: f64,
-    /// Longest time that the actuation guard keeps the vehicle level and at its height by itself \[s\].
+    /// Longest time that the actuation guard levels the vehicle by itself before it descends \[s\].
     pub gate_s: f64,
     /// True if the script kills or stops a process.
     pub faults: bool,
@@ -174,7 +174,7 @@ impl Thresholds {
         } else {
             self.put("safe_mode_max", 0.0, "in lockstep nothing is late");
         }
-        self.put("safe_mode_max_s", gate_s, "as long as the actuation guard keeps the height");
+        self.put("safe_mode_max_s", gate_s, "as long as the actuation guard hovers");
         let (share, why) = if realtime || faults {
             (MISSED_SHARE, "every other: a command is valid for two periods")
         } else {

@@ -1,7 +1,7 @@
 //! The section `[attitude_lqr]` of a scenario.
 
 use controller::attitude::Timing;
-use controller::{BuildError, ControllerSettings, FlightFacts};
+use controller::{ControllerSection, FlightFacts, SectionRefusal};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -51,7 +51,7 @@ impl Default for Settings {
     }
 }
 
-impl ControllerSettings for Settings {
+impl ControllerSection for Settings {
     type Service = AttitudeLqr;
     const SLOT: Slot = Slot::Attitude;
 
@@ -59,11 +59,11 @@ impl ControllerSettings for Settings {
         self.rate_hz
     }
 
-    fn build(&self, flight: &FlightFacts) -> Result<AttitudeLqr, BuildError> {
+    fn build(&self, flight: &FlightFacts) -> Result<AttitudeLqr, SectionRefusal> {
         let config = self.law_config(flight.into());
         let law = LqrLaw::new(config, &flight.vehicle).map_err(|error| match error {
             LqrError::Range(error) => error.into(),
-            other => BuildError::Refused {
+            other => SectionRefusal::Refused {
                 what: other.to_string(),
                 remedy: "choose weights nearer to the defaults",
             },

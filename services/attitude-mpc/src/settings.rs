@@ -7,7 +7,7 @@
 //! thrusts, and 3 for each sample of Np if angles are bounded, 3 more if rates are. There is room
 //! for [`mpc::ROW_CAPACITY`], 1024, of them; more are refused.
 
-use controller::{BuildError, ControllerSettings, FlightFacts};
+use controller::{ControllerSection, FlightFacts, SectionRefusal};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -181,7 +181,7 @@ impl From<&FlightFacts> for Surroundings {
     }
 }
 
-impl ControllerSettings for Settings {
+impl ControllerSection for Settings {
     type Service = AttitudeMpc;
     const SLOT: Slot = Slot::Attitude;
 
@@ -189,17 +189,17 @@ impl ControllerSettings for Settings {
         Some(self.rate_hz)
     }
 
-    fn build(&self, flight: &FlightFacts) -> Result<AttitudeMpc, BuildError> {
+    fn build(&self, flight: &FlightFacts) -> Result<AttitudeMpc, SectionRefusal> {
         self.law_config(flight.into())
             .and_then(|config| AttitudeMpc::new(config, &flight.vehicle, flight.start_yaw_rad))
-            .map_err(|error| BuildError::Refused {
+            .map_err(|error| SectionRefusal::Refused {
                 what: error.to_string(),
-                remedy: "see its section",
+                remedy: "`morphquad check` says which key is to blame",
             })
     }
 
     /// A scenario asks for [`law_config`](Settings::law_config) and says which key is to blame.
-    fn check(&self, _flight: &FlightFacts) -> Result<(), BuildError> {
+    fn check(&self, _flight: &FlightFacts) -> Result<(), SectionRefusal> {
         Ok(())
     }
 }

@@ -1,7 +1,7 @@
 //! The section `[attitude_pid]` of a scenario.
 
 use controller::attitude::Timing;
-use controller::{BuildError, ControllerSettings, FlightFacts};
+use controller::{ControllerSection, FlightFacts, SectionRefusal};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -62,7 +62,7 @@ impl Default for Settings {
     }
 }
 
-impl ControllerSettings for Settings {
+impl ControllerSection for Settings {
     type Service = AttitudePid;
     const SLOT: Slot = Slot::Attitude;
 
@@ -70,7 +70,7 @@ impl ControllerSettings for Settings {
         self.rate_hz
     }
 
-    fn build(&self, flight: &FlightFacts) -> Result<AttitudePid, BuildError> {
+    fn build(&self, flight: &FlightFacts) -> Result<AttitudePid, SectionRefusal> {
         let config = self.law_config(flight.into());
         let law = PidLaw::new(config)?;
         Ok(AttitudePid::new(law, &flight.vehicle, config.timing, flight.start_yaw_rad))

@@ -5,7 +5,7 @@
 //! A program has 6 constraint rows for each block, or for each sample of Nc where there are none, and 3 for each sample of
 //! Np if speeds are bounded. There is room for [`mpc::ROW_CAPACITY`], 1024, of them; more are refused.
 
-use controller::{BuildError, ControllerSettings, FlightFacts};
+use controller::{ControllerSection, FlightFacts, SectionRefusal};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -165,7 +165,7 @@ impl From<&FlightFacts> for Surroundings {
     }
 }
 
-impl ControllerSettings for Settings {
+impl ControllerSection for Settings {
     type Service = PositionMpc;
     const SLOT: Slot = Slot::Position;
 
@@ -177,17 +177,17 @@ impl ControllerSettings for Settings {
         [self.thrust_min_weights, self.thrust_max_weights]
     }
 
-    fn build(&self, flight: &FlightFacts) -> Result<PositionMpc, BuildError> {
+    fn build(&self, flight: &FlightFacts) -> Result<PositionMpc, SectionRefusal> {
         self.law_config(flight.into())
             .and_then(|config| PositionMpc::new(config, &flight.vehicle, flight.landing))
-            .map_err(|error| BuildError::Refused {
+            .map_err(|error| SectionRefusal::Refused {
                 what: error.to_string(),
-                remedy: "see its section",
+                remedy: "`morphquad check` says which key is to blame",
             })
     }
 
     /// A scenario asks for [`law_config`](Settings::law_config) and says which key is to blame.
-    fn check(&self, _flight: &FlightFacts) -> Result<(), BuildError> {
+    fn check(&self, _flight: &FlightFacts) -> Result<(), SectionRefusal> {
         Ok(())
     }
 }

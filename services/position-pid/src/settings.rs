@@ -1,6 +1,6 @@
 //! The section `[position_pid]` of a scenario.
 
-use controller::{BuildError, ControllerSettings, FlightFacts, SetpointBounds};
+use controller::{ControllerSection, FlightFacts, SectionRefusal, SetpointBounds};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -72,7 +72,7 @@ impl Default for Settings {
     }
 }
 
-impl ControllerSettings for Settings {
+impl ControllerSection for Settings {
     type Service = PositionPid;
     const SLOT: Slot = Slot::Position;
 
@@ -84,7 +84,7 @@ impl ControllerSettings for Settings {
         [self.thrust_min_weights, self.thrust_max_weights]
     }
 
-    fn build(&self, flight: &FlightFacts) -> Result<PositionPid, BuildError> {
+    fn build(&self, flight: &FlightFacts) -> Result<PositionPid, SectionRefusal> {
         let config = self.law_config(flight.usual_position_rate_hz, &flight.setpoint_bounds);
         Ok(PositionPid::new(config, &flight.vehicle, flight.landing)?)
     }

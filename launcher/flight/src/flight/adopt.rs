@@ -252,6 +252,7 @@ impl Flight {
         let now_ns = mono_now_ns();
         self.begun = (self.conductor.wall_ns(now_ns), now_ns);
         self.progress_at = (now_ns, 0);
+        self.protect();
         self.script.skip_before(self.begun.0);
         self.orders.go_on(&checkpoint.guidance.0, &checkpoint.disturbance.0);
         self.conductor.say_again();

@@ -17,10 +17,10 @@ use record::Recorder;
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, LatestPort, ServiceKind};
-use runtime::namespace::{BASE, Membership};
+use runtime::namespace::Membership;
 use runtime::watch::StopFlags;
 use scenario::Scenario;
-use scenario::needs::{LOCKED_MEMORY_MB, instance_mb, reserves};
+use scenario::needs::{LOCKED_MEMORY_MB, instance_mb, locks};
 use scenario::orders::Planner;
 use scenario::process::OWN_EXECUTABLE;
 use scenario::process::has_process;
@@ -59,8 +59,16 @@ pub(super) fn restart_policy(scenario: &Scenario) -> RestartPolicy {
         backoff_ns: ns_from_s(launcher.restart_backoff_s),
         backoff_max_ns: ns_from_s(launcher.restart_backoff_max_s),
         limit: launcher.restart_limit as usize,
-        room_mb: instance_mb(scenario.settings()),
+        room_mb: instance_mb(scenario.settings(), takes_all_memory(scenario)),
     }
+}
+
+/// True of a realtime flight whose shared memory is taken before it is touched: locked, or else reserved if there is so
+/// much.
+pub(super) fn takes_all_memory(scenario: &Scenario) -> bool {
+    let has_room = || free_shared_memory_mb().is_ok_and(|mb| mb >= LOCKED_MEMORY_MB);
+    clock_of(scenario) == ClockMode::Realtime
+        && (locks(scenario.settings(), may_lock_memory()) || has_room())
 }
 
 pub(super) fn graph_of(scenario: &Scenario) -> Result<Graph, RunError> {
@@ -132,7 +140,10 @@ impl Flight {
         sinks.slot_watch = Some(if is_lockstep { watch } else { watch.by_the_wall() });
         sinks.feed = live.take_feed();
         let clock_reader = LatestPort::clock(&bus)?;
-        let reservation = reserves(settings, may_lock_memory()).then(|| bus.reservation());
+        let takes_all = takes_all_memory(&options.scenario);
+        let is_exposed = !is_lockstep && !takes_all;
+        let is_reserved = takes_all && !locks(settings, may_lock_memory());
+        let reservation = is_reserved.then(|| bus.reservation());
         Ok(Self {
             tap: Tap::open(&bus, &graph, sinks)?,
             conductor,
@@ -160,25 +171,14 @@ impl Flight {
             known_strays: 0,
             looked_ns: None,
             next_file_look_ns: 0,
-            removals: 0,
+            removals: (0, 0),
+            reserved_after_ns: 0,
             reservation,
+            is_exposed,
             clock_reader,
             progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),
             notices: Vec::new(),
         })
-    }
-
-    /// Takes the memory of a realtime flight that does not lock it, if there is so much.
-    fn begin_reservation(&mut self) {
-        let has_room = || free_shared_memory_mb().is_ok_and(|mb| mb >= LOCKED_MEMORY_MB);
-        if self.reservation.is_some() && !has_room() {
-            self.reservation = None;
-            self.say(&format!(
-                "the memory of this flight is neither locked nor reserved, for which {BASE} has no {LOCKED_MEMORY_MB} MB: \
-                 a program that fills it can end the flight"
-            ));
-        }
-        self.reserve_memory();
     }
 
     /// Starts all processes and waits until they are ready, then starts the clock.
@@ -224,7 +224,7 @@ impl Flight {
             self.answer(mono_now_ns()).map_err(not_ready)?;
             sleep_until(mono_now_ns() + LOOK_EVERY_NS);
         }
-        self.begin_reservation();
+        self.protect();
         let realtime = self.conductor.mode() == ClockMode::Realtime;
         let start_ns = mono_now_ns() + if realtime { COUNTDOWN_NS } else { 0 };
         if let Some(recording) = &mut self.tap.sinks.recording {

@@ -4,6 +4,7 @@ use super::Flight;
 use crate::stall::{StallCheck, stalled};
 use record::Severity;
 use runtime::namespace::{BASE, Reservation};
+use scenario::needs::LOCKED_MEMORY_MB;
 use shared_types::time::s_from_ns;
 use shared_types::{ClockMode, RegistryEntry, Role, Seat};
 use std::collections::BTreeMap;
@@ -41,13 +42,34 @@ impl Flight {
         self.known_strays = strays.len();
     }
 
-    /// Looks after what the run has in shared memory.
+    /// Protects what the run has in shared memory, once all processes have made theirs.
+    pub(super) fn protect(&mut self) {
+        if let Err(error) = self.services.protect(&self.bus) {
+            self.notice(&format!(
+                "services that another program removes cannot be put back: {error}"
+            ));
+        }
+        if self.is_exposed {
+            self.say(&format!(
+                "the memory of this flight is neither locked nor reserved, for which {BASE} has no {LOCKED_MEMORY_MB} MB: \
+                 a program that fills it can end the flight"
+            ));
+        }
+        self.reserve_memory();
+    }
+
+    /// Looks after what the run has in shared memory: at the end of a look around, because it may take milliseconds.
     pub(super) fn look_at_files(&mut self, now_ns: u64) {
         let all_files = now_ns >= self.next_file_look_ns;
         self.keep_services(all_files);
+        // What joins makes objects, and so does what it talks to, a little later.
+        let joined_ns = self.supervisor.joined_mono_ns();
+        let has_joined = core::mem::replace(&mut self.reserved_after_ns, joined_ns) != joined_ns;
+        if all_files || has_joined {
+            self.reserve_memory();
+        }
         if all_files {
             self.next_file_look_ns = now_ns + FILE_LOOK_NS;
-            self.reserve_memory();
         }
     }
 
@@ -60,11 +82,14 @@ impl Flight {
         ));
     }
 
-    /// Puts services back that are no longer there, before any process is started that would look for them, and says so.
+    /// Puts services back that are no longer there, and says so. A process that has just been started looks for them later.
     fn keep_services(&mut self, all_files: bool) {
         let Some(removed) = self.services.put_back(&self.bus, all_files) else { return };
-        self.removals += 1;
-        if self.removals > MAX_REMOVALS_TOLD {
+        let told =
+            if removed.put_back.is_ok() { &mut self.removals.0 } else { &mut self.removals.1 };
+        *told += 1;
+        let is_news = *told <= if removed.put_back.is_ok() { MAX_REMOVALS_TOLD } else { 1 };
+        if !is_news {
             return;
         }
         let what_then = match removed.put_back {

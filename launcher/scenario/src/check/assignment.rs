@@ -3,7 +3,7 @@
 use super::Checker;
 use crate::services::{self, Assignment};
 use crate::suggest;
-use controller::{BuildError, ControllerSettings as _, OutOfRange};
+use controller::{ControllerSection as _, OutOfRange, SectionRefusal};
 use shared_types::Slot;
 
 impl Checker<'_> {
@@ -42,8 +42,8 @@ impl Checker<'_> {
         }
         for (section, refusal) in with_controllers!(refusals []) {
             match refusal {
-                Some(BuildError::Range(error)) => self.out_of_range(section, &error),
-                Some(BuildError::Refused { what, remedy }) => self.error(section, what, remedy),
+                Some(SectionRefusal::Range(error)) => self.out_of_range(section, &error),
+                Some(SectionRefusal::Refused { what, remedy }) => self.error(section, what, remedy),
                 None => {}
             }
         }
@@ -52,6 +52,7 @@ impl Checker<'_> {
     fn out_of_range(&mut self, section: &str, error: &OutOfRange) {
         let key = match error.name {
             "wrench_latency_s" => "latency.wrench_command_s".to_owned(),
+            "setpoint_latency_s" => "latency.attitude_setpoint_s".to_owned(),
             name => format!("{section}.{name}"),
         };
         let what = format!("{} does not go with the other settings", error.value);

@@ -148,7 +148,7 @@ impl Slots {
         if machine.candidate() != Some(seat) || owner == seat {
             return;
         }
-        let scale = CommandScale::of(slot.role(), &self.vehicle);
+        let scale = CommandScale::of(slot, &self.vehicle);
         let Some(state) = self.states.get_mut(&slot) else { return };
         let mut limits = if same_kind { GateLimits::SAME_KIND } else { GateLimits::OTHER_KIND };
         if let Some(max_bump) = state.max_bump {

@@ -17,10 +17,10 @@ pub(super) enum CommandScale {
 }
 
 impl CommandScale {
-    pub(super) fn of(slot: Role, vehicle: &VehicleParameters) -> Self {
+    pub(super) fn of(slot: Slot, vehicle: &VehicleParameters) -> Self {
         match slot {
-            Role::Attitude => Self::Wrench(*vehicle),
-            _ => Self::Setpoint(*vehicle),
+            Slot::Attitude => Self::Wrench(*vehicle),
+            Slot::Position => Self::Setpoint(*vehicle),
         }
     }
 

@@ -276,7 +276,7 @@ fn push<T>(queue: &mut VecDeque<T>, value: T) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::Role;
+    use shared_types::Slot;
     use vehicle::VehicleParameters;
 
     const MS: u64 = 1_000_000;
@@ -284,7 +284,7 @@ mod tests {
     const OWNER: u32 = 0;
 
     fn gatekeeper(patient: bool) -> Gatekeeper {
-        let scale = CommandScale::of(Role::Attitude, &VehicleParameters::default());
+        let scale = CommandScale::of(Slot::Attitude, &VehicleParameters::default());
         let who = (CANDIDATE, OWNER);
         let mut gatekeeper = Gatekeeper::new(scale, GateLimits::SAME_KIND, who, None, patient);
         // What they missed before they flew side by side does not count.

@@ -49,7 +49,7 @@ pub struct SetpointBounds {
 
 /// Why no controller can be built from a section.
 #[derive(Debug, Error)]
-pub enum BuildError {
+pub enum SectionRefusal {
     /// A number that does not go with the others.
     #[error(transparent)]
     Range(#[from] OutOfRange),
@@ -64,16 +64,17 @@ pub enum BuildError {
 }
 
 /// A section of a scenario that is all a built-in controller is configured by.
-pub trait ControllerSettings {
+pub trait ControllerSection {
     /// The controller.
     type Service: Service + 'static;
     /// Slot that it fills.
     const SLOT: Slot;
 
-    /// Its control rate \[Hz\]; none for that of the slot's first controller.
+    /// Its control rate \[Hz\]; none for the usual one of its slot, that of its MPC.
     fn rate_hz(&self) -> Option<f64>;
 
-    /// Bounds of its own on the least and the largest thrust over weight that it asks for.
+    /// Bounds of its own on the least and the largest thrust over weight that it asks for. The monitor must know them: it
+    /// takes a position controller that asks for more than its own thresholds for one that fails.
     fn thrust_weights(&self) -> [Option<f64>; 2] {
         [None; 2]
     }
@@ -82,13 +83,13 @@ pub trait ControllerSettings {
     ///
     /// # Errors
     /// What does not go together.
-    fn build(&self, flight: &FlightFacts) -> Result<Self::Service, BuildError>;
+    fn build(&self, flight: &FlightFacts) -> Result<Self::Service, SectionRefusal>;
 
     /// Says what [`build`](Self::build) refuses, without more effort than that needs.
     ///
     /// # Errors
     /// As there.
-    fn check(&self, flight: &FlightFacts) -> Result<(), BuildError> {
+    fn check(&self, flight: &FlightFacts) -> Result<(), SectionRefusal> {
         self.build(flight).map(drop)
     }
 }

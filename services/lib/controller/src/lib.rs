@@ -4,7 +4,7 @@
 //! service of the attitude slot: ports, judging of set points, bounds, reports, memory. [`position`],
 //! [`preview`] and [`heading`] are what position controllers share: ports and the set point that is
 //! tracked, the reference at their own instants, and the frame in which tilts are bounded. [`Limited`] holds every input to its level and its increment.
-//! [`ControllerSettings`] builds a controller from its section of a scenario.
+//! [`ControllerSection`] builds a controller from its section of a scenario.
 
 #![cfg_attr(test, allow(clippy::float_cmp, reason = "where bits must agree, bits are compared"))]
 
@@ -17,7 +17,7 @@ pub mod preview;
 pub mod sampling;
 mod setpoint;
 
-pub use build::{BuildError, ControllerSettings, FlightFacts, SetpointBounds};
+pub use build::{ControllerSection, FlightFacts, SectionRefusal, SetpointBounds};
 pub use limited::Limited;
 pub use setpoint::Setpoint;
 

@@ -17,12 +17,12 @@ pub struct GateConfig {
     /// Longest LEVEL; then the rotors are cut.
     #[garde(range(min = 0.0, max = 60.0), custom(finite))]
     pub level_max_s: f64,
-    /// How long LEVEL keeps the height. After that it descends, so that a vehicle that no controller commands any more is
-    /// near the ground when its rotors are cut.
+    /// How long LEVEL has the thrust of hover. After that it descends, so that a vehicle that no controller commands any
+    /// more is nearer the ground when its rotors are cut; never if this is as long as `level_max_s`.
     #[garde(range(min = 0.0, max = 60.0), custom(finite))]
     pub descend_after_s: f64,
-    /// Speed of that descent, by the accelerometer alone: its bias takes a few tenths of a metre per second from it, or adds
-    /// them.
+    /// Speed of that descent beside the one at the last command, by the accelerometer alone: its bias takes a few tenths of
+    /// a metre per second from it, or adds them.
     #[garde(range(min = 0.0, max = 5.0), custom(finite))]
     pub descend_m_s: f64,
     /// Tilt that LEVEL cannot recover from.

@@ -90,7 +90,7 @@ shared_types::memory! {
         pub morph_angle_rad: f64,
         /// Instant of the last tick \[ns\].
         pub tick_ns: u64,
-        /// Vertical speed that the vehicle has gained in LEVEL \[m/s\].
+        /// Vertical speed that the vehicle has gained since it was commanded last \[m/s\].
         pub climb_m_s: f64,
         /// LEVEL has found the vehicle calm, and need not brake as hard as RECOVER.
         pub levels_gently: bool,
@@ -259,16 +259,16 @@ impl Gate {
             return;
         }
         let (force_b, gravity) = (&reading.specific_force_b_m_s2, self.vehicle.gravity_m_s2);
-        if matches!(self.mode, Mode::Level { .. }) {
+        if matches!(self.mode, Mode::Level { .. } | Mode::Recover { .. }) {
             let step_s = reading_s.min(MAX_STEP_S);
             self.climb_m_s += self.filter.climbing_m_s2(force_b, gravity) * step_s;
-        } else if !matches!(self.mode, Mode::Recover { .. }) {
+        } else {
             let share = (reading_s / self.filter_time_constant_s).min(MAX_CORRECTION);
             self.filter.correct(force_b, gravity, share);
         }
     }
 
-    /// True once LEVEL has kept the height for as long as it is to.
+    /// True once LEVEL has had the thrust of hover for as long as it is to.
     fn descends(&self, now_ns: u64) -> bool {
         matches!(self.mode, Mode::Level { since_ns, .. }
             if now_ns.saturating_sub(since_ns) >= self.descend_after_ns)
@@ -293,7 +293,7 @@ impl Gate {
         self.mode = next;
         // Once calm it stays gentle until the vehicle is wild: noise at one bound does not change the law to and fro.
         let is_level = matches!(next, Mode::Level { .. });
-        if !is_level {
+        if !is_level && !matches!(next, Mode::Recover { .. }) {
             self.climb_m_s = 0.0;
         }
         self.levels_gently = is_level && (seen.calm || self.levels_gently && !seen.wild);

@@ -10,7 +10,7 @@
 //!                                                                 CUT   (for good)
 //! ```
 //!
-//! LEVEL keeps the height for a while, and then descends.
+//! LEVEL has the thrust of hover for a while, and then descends.
 //!
 //! HOLD is left out where the vehicle is tilted or turns fast: a command that outlives its controller goes on turning it.
 //!

@@ -6,10 +6,11 @@
 
 use super::look::objects_of;
 use rustix::fs::{FallocateFlags, OFlags, fallocate};
+use rustix::io::retry_on_intr;
 use std::collections::BTreeSet;
 use std::fs::OpenOptions;
 use std::io;
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::os::unix::fs::{DirEntryExt as _, MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
 /// Which objects of a run have their memory.
@@ -36,16 +37,17 @@ impl Reservation {
         let mut options = OpenOptions::new();
         options.read(true).write(true).custom_flags(flags.bits().cast_signed());
         for entry in objects_of(&self.folder) {
-            let Ok(found) = entry.metadata() else { continue };
-            // One that is just being made has no size yet.
-            let is_new = found.is_file() && found.uid() == own && found.len() > 0;
-            if !is_new || self.reserved.contains(&found.ino()) {
+            if self.reserved.contains(&entry.ino()) {
                 continue;
             }
-            // Its process may have removed it meanwhile.
+            // Its process may have removed it meanwhile, and another user may have made one of this name.
             let Ok(object) = options.open(entry.path()) else { continue };
-            fallocate(&object, FallocateFlags::empty(), 0, found.len())?;
-            self.reserved.insert(found.ino());
+            let Ok(found) = object.metadata() else { continue };
+            // One that is just being made has no size yet.
+            if found.is_file() && found.uid() == own && found.len() > 0 {
+                retry_on_intr(|| fallocate(&object, FallocateFlags::empty(), 0, found.len()))?;
+                self.reserved.insert(found.ino());
+            }
         }
         Ok(())
     }

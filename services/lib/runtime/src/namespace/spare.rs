@@ -19,6 +19,7 @@ const OF_SERVICE: &str = "dynamic";
 /// Links to the files of the services that a run has.
 #[derive(Debug)]
 pub struct SpareLinks {
+    folder: PathBuf,
     /// The folder of the transport that says which services there are.
     services: PathBuf,
     /// When that folder was changed last, as far as it is known.
@@ -30,20 +31,27 @@ pub struct SpareLinks {
 struct SpareLink {
     file: PathBuf,
     link: PathBuf,
+    inode: u64,
 }
 
 impl SpareLink {
-    /// True if the file that processes look for is the one that this links to.
+    /// True if the file that processes look for is the one that they have open.
     fn is_in_place(&self) -> bool {
-        let inode = |path: &Path| fs::symlink_metadata(path).map(|found| found.ino()).ok();
-        inode(&self.file).is_some_and(|found| inode(&self.link) == Some(found))
+        inode_of(&self.file) == Some(self.inode)
+    }
+
+    fn has_link(&self) -> bool {
+        inode_of(&self.link) == Some(self.inode)
     }
 
     fn put_back(&self) -> io::Result<()> {
-        match fs::remove_file(&self.file) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-            _ => fs::hard_link(&self.link, &self.file),
+        if !self.has_link() {
+            return Err(io::Error::new(io::ErrorKind::NotFound, "their second links are gone too"));
         }
+        // In one step: there is no instant without a file of this name.
+        let next = self.link.with_extension("next");
+        fs::hard_link(&self.link, &next)?;
+        fs::rename(&next, &self.file).inspect_err(|_| drop(fs::remove_file(&next)))
     }
 }
 
@@ -56,30 +64,36 @@ impl SpareLinks {
         let (spare, services) = (folder.join(SPARE), folder.join("ipc").join("services"));
         match fs::remove_dir_all(&spare) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            _ => DirBuilder::new().mode(0o700).create(&spare)?,
+            _ => make_folder(&spare)?,
         }
-        let listed = fs::read_dir(&services)?.collect::<io::Result<Vec<_>>>()?;
+        // A process that opens a service looks for it in the list first, which is therefore put back last.
         let objects = objects_of(folder)
             .filter(|entry| Path::new(&entry.file_name()).extension() == Some(OF_SERVICE.as_ref()));
-        let files = listed.into_iter().chain(objects).map(|entry| {
-            let (file, link) = (entry.path(), spare.join(entry.file_name()));
-            fs::hard_link(&file, &link).map(|()| SpareLink { file, link })
-        });
-        let files = files.collect::<io::Result<_>>()?;
+        let listed = fs::read_dir(&services)?.collect::<io::Result<Vec<_>>>()?;
+        let own = rustix::process::geteuid().as_raw();
+        let mut files = Vec::new();
+        for entry in objects.chain(listed) {
+            // Another user may have made an object of a run's name.
+            let Ok(found) = entry.metadata() else { continue };
+            if found.is_file() && found.uid() == own {
+                let (file, link) = (entry.path(), spare.join(entry.file_name()));
+                fs::hard_link(&file, &link)?;
+                files.push(SpareLink { file, link, inode: found.ino() });
+            }
+        }
         let changed = changed(&services);
-        Ok(Self { services, changed, files })
+        Ok(Self { folder: spare, services, changed, files })
     }
 
-    /// True if a service may have been made or removed since the links were made, or put back. One look at a folder:
-    /// a file in shared memory that was removed alone is not seen.
+    /// True if every file is in its place, as far as that is seen: without `all_files`, at one look at the list of
+    /// services, in which an object in shared memory that was removed alone is missed.
     #[must_use]
-    pub fn may_be_needed(&self) -> bool {
-        changed(&self.services) != self.changed
-    }
-
-    /// True if every file is in its place.
-    #[must_use]
-    pub fn are_all_in_place(&self) -> bool {
+    pub fn are_in_place(&mut self, all_files: bool) -> bool {
+        let changed = changed(&self.services);
+        if !all_files && changed == self.changed {
+            return true;
+        }
+        self.changed = changed;
         self.files.iter().all(SpareLink::is_in_place)
     }
 
@@ -95,6 +109,29 @@ impl SpareLinks {
         self.changed = changed(&self.services);
         done
     }
+
+    /// Makes links anew that were removed, as long as their files are in place.
+    ///
+    /// # Errors
+    /// One cannot be made.
+    pub fn renew(&self) -> io::Result<()> {
+        let mut done = Ok(());
+        for file in self.files.iter().filter(|file| file.is_in_place() && !file.has_link()) {
+            match make_folder(&self.folder) {
+                Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
+                _ => done = done.and(fs::hard_link(&file.file, &file.link)),
+            }
+        }
+        done
+    }
+}
+
+fn make_folder(folder: &Path) -> io::Result<()> {
+    DirBuilder::new().mode(0o700).create(folder)
+}
+
+fn inode_of(path: &Path) -> Option<u64> {
+    fs::symlink_metadata(path).map(|found| found.ino()).ok()
 }
 
 fn changed(folder: &Path) -> Option<SystemTime> {
@@ -124,15 +161,15 @@ mod tests {
     fn a_file_that_is_removed_or_made_anew_is_put_back_as_the_one_it_was() {
         let (_base, folder, files) = run();
         let mut spare = SpareLinks::make(&folder).unwrap();
-        assert!(spare.are_all_in_place() && !spare.may_be_needed());
+        assert!(spare.are_in_place(true) && spare.are_in_place(false));
         let inodes = || files.each_ref().map(|file| fs::metadata(file).unwrap().ino());
         let before = inodes();
         fs::remove_file(&files[0]).unwrap();
         fs::remove_file(&files[1]).unwrap();
         fs::write(&files[1], "of another service").unwrap();
-        assert!(!spare.are_all_in_place());
+        assert!(!spare.are_in_place(false));
         spare.put_back().unwrap();
-        assert!(spare.are_all_in_place() && !spare.may_be_needed());
+        assert!(spare.are_in_place(true) && spare.are_in_place(false));
         assert_eq!(inodes(), before);
         assert_eq!(fs::read(&files[1]).unwrap(), b"first");
     }
@@ -158,6 +195,46 @@ mod tests {
         }
         fs::create_dir(&files[0]).unwrap();
         spare.put_back().unwrap_err();
-        assert!(files[1].exists() && !spare.are_all_in_place());
+        assert!(files[1].exists() && !spare.are_in_place(true));
+    }
+
+    #[test]
+    fn a_service_whose_link_is_removed_loses_no_file_and_gets_another_link() {
+        let (_base, folder, files) = run();
+        let mut spare = SpareLinks::make(&folder).unwrap();
+        fs::remove_dir_all(folder.join(SPARE)).unwrap();
+        assert!(spare.are_in_place(true));
+        spare.put_back().unwrap();
+        assert!(files.iter().all(|file| file.exists()));
+        spare.renew().unwrap();
+        fs::remove_file(&files[0]).unwrap();
+        spare.put_back().unwrap();
+        assert!(files.iter().all(|file| file.exists()) && spare.are_in_place(true));
+        fs::remove_dir_all(folder.join(SPARE)).unwrap();
+        fs::remove_file(&files[1]).unwrap();
+        spare.put_back().unwrap_err();
+    }
+
+    #[test]
+    fn a_service_of_another_program_does_not_make_every_look_a_long_one() {
+        let (_base, folder, _files) = run();
+        let mut spare = SpareLinks::make(&folder).unwrap();
+        fs::write(folder.join("ipc").join("services").join("b.service"), "foreign").unwrap();
+        assert!(spare.are_in_place(false));
+        assert_eq!(changed(&spare.services), spare.changed);
+    }
+
+    /// Where the tests run as root, they can act as another user.
+    #[test]
+    fn an_object_of_another_user_is_not_linked() {
+        if !rustix::process::geteuid().is_root() {
+            return;
+        }
+        let (base, folder, files) = run();
+        let foreign = base.path().join(format!("{}foreign.dynamic", object_prefix("spare")));
+        fs::write(&foreign, "").unwrap();
+        std::os::unix::fs::chown(&foreign, Some(65534), None).unwrap();
+        let spare = SpareLinks::make(&folder).unwrap();
+        assert_eq!(spare.files.len(), files.len());
     }
 }
