@@ -13,6 +13,8 @@
 //! Conventions: SI units named in the field, world frame ENU (`_w_`), body frame FLU (`_b_`),
 //! Hamilton quaternions `q_wb` (body to world) with `w >= 0`.
 
+#![warn(missing_docs)]
+
 pub mod actuation;
 pub mod control;
 pub mod disturbance;

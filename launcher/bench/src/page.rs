@@ -4,7 +4,6 @@ use super::loops::Measured;
 use super::pictures;
 use figures::results::Document;
 
-/// The page.
 #[must_use]
 pub fn page(measured: &Measured) -> String {
     let report = &measured.report;

@@ -11,7 +11,6 @@ use std::fmt::Write as _;
 
 /// What kind of file this is.
 pub const FORMAT: &str = "morphquad bench loops";
-/// Its version.
 pub const FORMAT_VERSION: u32 = 2;
 /// Share of a loop's releases that it may miss and still hold its rate.
 pub const MAX_MISS_SHARE: f64 = 1e-3;
@@ -94,13 +93,11 @@ pub struct Cost {
     pub involuntary_switches_per_s: f64,
 }
 
-/// A loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LoopReport {
     /// Service that runs it.
     pub name: String,
-    /// Its role.
     pub role: String,
     /// Seat in the role.
     pub seat: u32,

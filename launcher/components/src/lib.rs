@@ -113,7 +113,6 @@ pub fn visit_service<V: ServiceVisitor>(
 /// Layout of the published state of the component that fills a role.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StateLayout {
-    /// The role.
     pub role: Role,
     /// Type of the component's memory.
     pub type_name: &'static str,

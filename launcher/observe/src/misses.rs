@@ -31,7 +31,6 @@ pub enum Place {
 pub struct EdgeName {
     /// Label of the producer.
     pub from: &'static str,
-    /// Topic.
     pub topic: &'static str,
     /// Label of the consumer.
     pub to: &'static str,

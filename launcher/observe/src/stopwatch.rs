@@ -72,9 +72,7 @@ impl Stamp {
 pub struct Seen {
     /// Name of the service.
     pub name: String,
-    /// Its role.
     pub role: Role,
-    /// Its seat.
     pub seat: u32,
     /// Its process, this one for the pilot.
     pub pid: u32,

@@ -37,7 +37,6 @@ pub enum With {
 /// How far one field departs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldDeparture {
-    /// Topic.
     pub topic: &'static str,
     /// Field, which names its unit.
     pub field: String,

@@ -99,7 +99,6 @@ pub enum ReplayError {
     /// Another build could not do its part.
     #[error("{executable} cannot replay this recording: {said}")]
     Other {
-        /// The executable.
         executable: String,
         /// What it, or the system, said.
         said: String,

@@ -14,11 +14,9 @@ use std::fmt;
 /// Whom a replay is about: a role, and of those who filled it perhaps those of a name or on a seat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Who {
-    /// The role.
     pub role: Role,
     /// Name of the controller.
     pub name: Option<&'static str>,
-    /// Its seat.
     pub seat: Option<u32>,
 }
 
@@ -39,9 +37,7 @@ impl Who {
 /// A controller on a seat, in all of its lives.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Instance {
-    /// Its role.
     pub role: Role,
-    /// Its seat.
     pub seat: u32,
     /// Name of the service, or of a foreign executable.
     pub name: String,

@@ -44,7 +44,6 @@ pub enum Launch {
 pub struct ChildSpec {
     /// Service name, and the process's name in `ps` and `top`.
     pub name: String,
-    /// Executable.
     pub executable: PathBuf,
     /// What it is told.
     pub launch: Launch,

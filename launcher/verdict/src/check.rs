@@ -6,11 +6,8 @@ use core::fmt::Write as _;
 /// Unit of a measurement and its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {
-    /// Metres.
     Metre,
-    /// Seconds.
     Second,
-    /// Radians.
     Radian,
     /// A share from 0 to 1, displayed in per cent.
     Share,

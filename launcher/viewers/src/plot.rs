@@ -50,7 +50,6 @@ pub enum PlotError {
         "{topic}: name a number of it, such as {topic}.{example}; `morphquad topic info {topic}` names all"
     )]
     NoField {
-        /// The topic.
         topic: &'static str,
         /// One of its numbers.
         example: String,
@@ -60,7 +59,6 @@ pub enum PlotError {
     Field {
         /// What was asked for.
         signal: String,
-        /// The topic.
         topic: &'static str,
         /// The part that names a field.
         field: String,

@@ -72,7 +72,6 @@ shared_types::memory! {
 /// The record of the position slot that is in effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Record {
-    /// Its epoch.
     pub epoch: u64,
     /// Owner and fallback, [`NO_SEAT`] for none.
     pub hands: [u32; 2],

@@ -16,7 +16,6 @@ pub enum PilotError {
     OutOfRange {
         /// Path of the parameter within the plan.
         parameter: String,
-        /// Its value.
         value: f64,
         /// Smallest value accepted.
         min: f64,

@@ -14,7 +14,6 @@ pub struct TrajectoryPoint {
 }
 
 impl TrajectoryPoint {
-    /// At rest.
     pub(super) fn at_rest(position_w_m: [f64; 3], yaw_rad: f64) -> Self {
         let zero = [0.0; 3];
         Self { position_w_m, velocity_w_m_s: zero, acceleration_w_m_s2: zero, yaw_rad }

@@ -55,7 +55,6 @@ pub struct PlantConfig {
     pub vehicle: VehicleParameters,
     /// Equations of motion.
     pub model: ModelKind,
-    /// Sensors.
     pub sensors: SensorConfigs,
     /// Actuation gate.
     pub gate: GateConfig,

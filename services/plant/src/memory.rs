@@ -12,7 +12,6 @@ shared_types::memory! {
     pub struct InEffect {
         /// Seat of its writer.
         pub seat: u32,
-        /// Its sequence.
         pub sequence: u64,
         /// Sequence of the IMU sample that it descends from.
         pub cause_sequence: u64,
@@ -29,7 +28,6 @@ shared_types::memory! {
     pub struct PlantMemory {
         /// Equations of motion.
         pub model: [f64; MODEL_MEMORY_LEN],
-        /// Sensors.
         pub sensors: SensorsMemory,
         /// Actuation gate.
         pub gate: GateMemory,

@@ -113,7 +113,6 @@ shared_types::memory! {
     }
 }
 
-/// The position PID.
 #[derive(Debug)]
 pub struct PositionPidLaw {
     config: PositionPidConfig,

@@ -40,7 +40,6 @@ pub enum Payload {
     WrenchCommand,
 }
 
-/// A ping.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Ping {
     /// Its name, and that of its services.
@@ -58,7 +57,6 @@ pub struct FromOrder {
     pub run: PathBuf,
     /// Of each thread.
     pub seat: ThreadSeat,
-    /// Timers.
     pub timers: Vec<Beat>,
     /// What to send.
     pub pings: Vec<Ping>,

@@ -44,7 +44,6 @@ pub enum CampaignError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Scenario(#[from] ScenarioError),
-    /// The journal.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Journal(#[from] JournalError),

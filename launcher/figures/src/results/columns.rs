@@ -14,9 +14,7 @@ use std::sync::Arc;
 pub enum Kind {
     /// Whole numbers, not negative.
     Whole,
-    /// Numbers.
     Number,
-    /// Text.
     Text,
 }
 

@@ -34,7 +34,6 @@ const HEAR_LIMIT_NS: u64 = 300_000_000;
 pub struct AdoptOptions {
     /// Name of the run.
     pub run: String,
-    /// Its folder.
     pub folder: PathBuf,
     /// Folder of the next recording; that of the first one, if there is one, if `None`.
     pub record: Option<PathBuf>,
@@ -50,7 +49,6 @@ pub enum AdoptError {
     /// A launcher leads it.
     #[error("run {run} needs no launcher: {source}")]
     Led {
-        /// The run.
         run: String,
         /// Who, or why its folder cannot be used.
         source: LeadError,
@@ -60,29 +58,22 @@ pub enum AdoptError {
         "run {run} flies in lockstep, and its time stood still with its launcher, which alone knew how far it may go: it cannot go on, and its processes leave within {leave_s} s; fly it again, it will be the same flight"
     )]
     Lockstep {
-        /// The run.
         run: String,
         /// When the processes leave \[s\].
         leave_s: f64,
     },
     /// Its launcher died too early.
     #[error("run {run} had not started when its launcher died: its processes leave")]
-    NotStarted {
-        /// The run.
-        run: String,
-    },
+    NotStarted { run: String },
     /// Of another build.
     #[error("run {run} cannot be taken over: {reason}")]
     OtherBuild {
-        /// The run.
         run: String,
         /// What differs.
         reason: String,
     },
-    /// Its scenario.
     #[error("run {run} cannot be taken over: its scenario cannot be read: {source}")]
     Scenario {
-        /// The run.
         run: String,
         /// Why.
         source: Box<ScenarioError>,

@@ -22,7 +22,6 @@ pub enum AskError {
         "no launcher answers for run {run}: it is just starting, or has died, and then {rescue} ({source})"
     )]
     NoLauncher {
-        /// The run.
         run: String,
         /// What can be done for it then.
         rescue: String,
@@ -32,23 +31,18 @@ pub enum AskError {
     /// It listens, and then nothing.
     #[error("the launcher of run {run} did not answer: {source}; is it stopped?")]
     Silent {
-        /// The run.
         run: String,
         /// What the system says.
         source: io::Error,
     },
     /// It left.
     #[error("run {run} ended before its launcher had answered")]
-    Ended {
-        /// The run.
-        run: String,
-    },
+    Ended { run: String },
     /// It speaks otherwise.
     #[error(
         "the launcher of run {run} answers what this build does not understand: {source}; ask with the executable that flies"
     )]
     NotUnderstood {
-        /// The run.
         run: String,
         /// What the parser says.
         source: serde_json::Error,

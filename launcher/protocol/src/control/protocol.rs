@@ -18,10 +18,7 @@ pub enum Request {
     /// Another controller is to command a slot.
     Swap(SwapRequest),
     /// Back to the old owner, while it is still warm.
-    Rollback {
-        /// Slot.
-        slot: String,
-    },
+    Rollback { slot: String },
     /// An instance that does not command is to leave.
     Retire {
         /// Its name, with its seat if others have the same: `attitude-mpc@1`.
@@ -29,7 +26,6 @@ pub enum Request {
     },
     /// Keep an instance warm beside the owner, which takes over when the owner fails.
     Standby {
-        /// Slot.
         slot: String,
         /// Controller, or path of an executable.
         name: String,
@@ -49,11 +45,9 @@ pub enum Request {
     },
 }
 
-/// A swap.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SwapRequest {
-    /// Slot.
     pub slot: String,
     /// Controller or path of an executable, of which a new instance is started; or one that is there.
     pub to: String,
@@ -109,7 +103,6 @@ pub enum Reply {
 /// A step on the way.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// Slot.
     pub slot: String,
     /// For programs: `joined`, `shadowing`, `gate`, `fails`, `flips`, `flipped` and others.
     pub step: String,

@@ -22,7 +22,6 @@ pub enum ListenError {
         "run {run} cannot be listened to: {source}; it is just starting, or its launcher has died"
     )]
     Closed {
-        /// The run.
         run: String,
         /// What the system says.
         source: io::Error,
@@ -34,10 +33,7 @@ pub enum ListenError {
     #[error(
         "run {run} says what this build does not understand: ask with the executable that flies"
     )]
-    NotUnderstood {
-        /// The run.
-        run: String,
-    },
+    NotUnderstood { run: String },
 }
 
 /// Something heard.

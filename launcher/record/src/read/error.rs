@@ -72,9 +72,7 @@ pub enum ReadError {
     Topic {
         /// The file.
         path: PathBuf,
-        /// The topic.
         topic: String,
-        /// Its type.
         type_name: String,
         /// Which of the two lacks it.
         what: &'static str,

@@ -17,7 +17,6 @@ pub(super) struct Channel {
     pub(super) id: u16,
     /// Full name of the message type.
     pub(super) type_name: String,
-    /// Its descriptors.
     pub(super) descriptors: Vec<u8>,
     pub(super) metadata: BTreeMap<String, String>,
 }

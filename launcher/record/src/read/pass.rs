@@ -79,7 +79,6 @@ pub trait RecordVisitor {
     fn wants(&self, _topic: &TopicInfo) -> bool {
         true
     }
-    /// A sample.
     fn sample<T: Sample>(&mut self, _topic: &'static Topic<T>, _sample: &T) {}
     /// True if the bytes of states matter, as to what flies on from them: states of a layout that this build does not
     /// know are then refused, and otherwise shown as they are.
@@ -88,7 +87,6 @@ pub trait RecordVisitor {
     }
     /// A published state of the component that fills `role`.
     fn state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
-    /// An event.
     fn event(&mut self, _event: RecordedEvent) {}
     /// True once it has seen enough: the pass ends there.
     fn is_done(&self) -> bool {

@@ -14,7 +14,6 @@ use std::sync::Arc;
 pub struct Difference {
     /// Release of the sample \[ns\].
     pub release_ns: u64,
-    /// Topic.
     pub topic: &'static str,
     /// Field, with its index if it is one of several; the sample's number if it is only in one flight.
     pub field: String,

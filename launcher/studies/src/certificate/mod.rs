@@ -49,7 +49,6 @@ pub struct ParametricQp {
     pub hessian: DMatrix<f64>,
     /// f, `n`.
     pub f: Vec<Affine>,
-    /// The rows.
     pub rows: Vec<ParametricRow>,
     /// One corner of the box and the opposite one, each as long as the parameters are many.
     pub from: DVector<f64>,

@@ -28,7 +28,6 @@ pub struct Window {
 /// One flight in numbers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Flown {
-    /// Seed.
     pub seed: u64,
     /// How it went.
     pub verdict: Verdict,

@@ -69,9 +69,7 @@ impl Conditions {
 pub struct Plan {
     /// Durations of a sweep from one end of the linkage to the other \[s\].
     pub sweeps_s: Vec<f64>,
-    /// Laws.
     pub laws: Vec<Law>,
-    /// Conditions.
     pub conditions: Vec<Conditions>,
     /// Seeds of the scheduled law as flown, from 1.
     pub seeds: u64,
@@ -164,11 +162,9 @@ struct Flight {
 /// One law at one sweep in one set of conditions, over its seeds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
-    /// Law.
     pub law: Law,
     /// Duration of a sweep \[s\].
     pub sweep_s: f64,
-    /// Conditions.
     pub conditions: Conditions,
     /// Each flight.
     pub flights: Vec<Flown>,

@@ -135,7 +135,6 @@ impl Section {
 /// A claim of the paper, or of ours.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
-    /// The claim.
     pub claim: String,
     /// What was found.
     pub found: String,

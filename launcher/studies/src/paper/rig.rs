@@ -53,7 +53,6 @@ pub enum Blow {
 /// One closed loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Experiment {
-    /// The law.
     pub law: AttitudeLawConfig,
     /// Size of the vehicle.
     pub morph_angle: MorphAngle,

@@ -13,7 +13,6 @@ use vehicle::{MorphAngle, VehicleParameters};
 pub struct Range {
     /// What it is, with its unit.
     pub name: &'static str,
-    /// Least.
     pub least: f64,
     /// Largest.
     pub most: f64,

@@ -144,7 +144,6 @@ pub struct Grid {
     pub weights: Vec<f64>,
     /// Rotor lags \[s\].
     pub lags_s: Vec<f64>,
-    /// Inertia ratios.
     pub inertia_ratios: Vec<f64>,
     /// Delays \[control periods\].
     pub delays: Vec<f64>,

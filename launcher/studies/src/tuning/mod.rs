@@ -21,7 +21,6 @@ use simulate::in_process::{StateSource, fly as fly_alone};
 pub struct Knob {
     /// Its key in a scenario.
     pub key: &'static str,
-    /// Least.
     pub least: f64,
     /// Largest.
     pub most: f64,

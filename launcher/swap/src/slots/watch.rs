@@ -42,7 +42,6 @@ pub struct Followed {
 /// One observation, in the order drained.
 #[derive(Debug, Clone, Copy)]
 pub enum Seen {
-    /// A command.
     Command(Commanded),
     /// A consumer changed its mind, or says for the first time what it thinks.
     Follows {

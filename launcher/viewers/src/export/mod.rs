@@ -46,7 +46,6 @@ pub enum ExportError {
 pub struct Exported {
     /// The file.
     pub path: PathBuf,
-    /// Its rows.
     pub rows: u64,
 }
 

@@ -59,7 +59,6 @@ pub enum LiveError {
     /// What it flies cannot be read.
     #[error("the scenario of run {run} cannot be read: {cause}")]
     Scenario {
-        /// The run.
         run: String,
         /// What the parser says.
         cause: ScenarioError,

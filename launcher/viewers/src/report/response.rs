@@ -15,7 +15,6 @@ const MAX_FAULTS: usize = 40;
 pub struct Response {
     /// When \[s\].
     pub at_s: f64,
-    /// What.
     pub what: String,
     /// Unit of the errors.
     pub unit: &'static str,

@@ -11,7 +11,6 @@ pub struct Chain {
     pub imu: Header,
     /// The estimate made of it.
     pub estimate: Header,
-    /// The command.
     pub command: Header,
     /// The plant's first tick with the command in effect; none for a shadow's, for one that another
     /// followed within the same tick, and at the end of a flight.

@@ -98,11 +98,9 @@ impl Panel {
 pub(crate) struct Uses {
     /// Of the torque about x, y, z.
     pub(crate) torque: [f64; 3],
-    /// Of its increment.
     pub(crate) increment: [f64; 3],
     /// Of the collective thrust.
     pub(crate) thrust: f64,
-    /// Of the tilt.
     pub(crate) tilt: f64,
     /// Of a rotor's largest thrust.
     pub(crate) rotor: f64,

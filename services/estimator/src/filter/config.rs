@@ -151,7 +151,6 @@ pub enum ConfigError {
     NotPositive {
         /// Name of the parameter.
         name: &'static str,
-        /// Its value.
         value: f64,
     },
     /// The history cannot reach back to the capture of a fix.

@@ -29,7 +29,6 @@ use thiserror::Error;
 pub struct OutOfRange {
     /// The parameter, as the configuration spells it.
     pub name: &'static str,
-    /// Its value.
     pub value: f64,
     /// Least value accepted.
     pub least: f64,

@@ -28,6 +28,8 @@
 //! The launcher starts it with [`PlaceArguments`] and has left a [`Flight`] in the run's folder;
 //! [`Joined`] is a process between its start and its end. `morphquad new-controller` writes all of it.
 
+#![warn(missing_docs)]
+
 mod arguments;
 mod config;
 mod controller;

@@ -64,7 +64,6 @@ pub enum MpcError {
     OutOfRange {
         /// The parameter.
         name: &'static str,
-        /// Its value.
         value: f64,
         /// Least value accepted.
         least: f64,

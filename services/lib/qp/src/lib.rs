@@ -6,6 +6,8 @@
 //! Both speak [`QpSolver`] (`solver.rs`, the file to open next). [`kkt_residuals`] judges an
 //! answer independently of the solver that gave it.
 
+#![warn(missing_docs)]
+
 mod active_set;
 mod goldfarb;
 mod hildreth;

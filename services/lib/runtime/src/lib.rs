@@ -5,6 +5,8 @@
 //! (when a step may run), [`process`] (the loop of a real process), [`ipc`] (ports over shared
 //! memory), [`namespace`] (a run's own corner of the machine).
 
+#![warn(missing_docs)]
+
 pub mod arbiter;
 pub mod clock;
 pub mod component;

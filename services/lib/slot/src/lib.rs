@@ -13,6 +13,8 @@
 //!
 //! `tests/integration/model/` searches every interleaving of plant, controllers and launcher through this code.
 
+#![warn(missing_docs)]
+
 pub mod command_buffer;
 pub mod consumer;
 pub mod gate;

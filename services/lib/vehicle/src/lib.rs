@@ -8,6 +8,8 @@
 //! Start with [`VehicleParameters`], then [`Allocator`] (wrench to
 //! rotors), [`PlantModel`] (what can be flown) and [`NonlinearModel`].
 
+#![warn(missing_docs)]
+
 mod actuators;
 mod agility;
 mod allocation;

@@ -132,14 +132,12 @@ pub(super) struct LevelLaw {
 }
 
 impl LevelLaw {
-    /// That of LEVEL.
     pub(super) fn level(config: &GateConfig) -> Self {
         let GateConfig { level_bandwidth_rad_s, level_damping, level_torque_fraction, .. } =
             *config;
         Self::new(level_bandwidth_rad_s, level_damping, level_torque_fraction)
     }
 
-    /// That of RECOVER.
     pub(super) fn recover(config: &GateConfig) -> Self {
         let GateConfig {
             recover_bandwidth_rad_s, recover_damping, recover_torque_fraction, ..

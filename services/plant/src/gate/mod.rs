@@ -62,7 +62,6 @@ pub struct GateInput<'a> {
 pub struct GateOutput {
     /// The wrench to allocate; always finite.
     pub wrench: Wrench,
-    /// The mode.
     pub mode: Mode,
     /// What happened since start.
     pub counters: GateCounters,

@@ -16,7 +16,6 @@ pub struct Timing {
     pub latency_s: f64,
     /// Between the plant's reports of the applied torque.
     pub report_s: f64,
-    /// Rotor lag.
     pub rotor_lag_s: f64,
 }
 

@@ -82,7 +82,7 @@ pub enum Event {
     Verdict(Seat, Result<Box<GateFigures>, Refusal>),
     /// Answer to [`Action::Rehearse`].
     Rehearsed(Seat, Rehearsed),
-    /// Time has come to [`super::Slot::deadline_ns`].
+    /// Time has come to [`super::SlotMachine::deadline_ns`].
     Time,
     /// The consumer put the record of this epoch into effect at `at_ns`, and follows this seat.
     Acknowledged {
