@@ -165,8 +165,15 @@ impl CommandAudit {
         let is_from_before =
             || self.joined_ns.is_some_and(|ns| tick.at_ns < ns.saturating_add(CARRIED_NS));
         tick.mode == GateMode::Normal
-            && !self.commands.contains_key(&tick.command)
+            && !self.has_heard(tick)
             && (self.may_command(seat, followed) && self.gaps.iter().any(is_in) || is_from_before())
+    }
+
+    /// True if a command of that writer and sequence could be in effect in this tick. A process that takes the seat later
+    /// comes to the same numbers, and ticks are judged when it may have.
+    fn has_heard(&self, tick: &Tick) -> bool {
+        let mut lives = self.commands.get(&tick.command).into_iter().flatten();
+        lives.any(|life| life.from_ns <= tick.at_ns)
     }
 
     /// True if a seat could be followed in this tick, now or since before, as far as it is known who may be.

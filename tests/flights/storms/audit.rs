@@ -144,7 +144,8 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
         let key = [seat.to_bits(), sequence.to_bits()];
         // A launcher that took over has not heard what was in effect then.
         let is_from_before = joined_s.is_some_and(|joined_s| t_s < joined_s + CARRIED_S);
-        if is_from_before && !commands.contains_key(&key) {
+        let mut heard = commands.get(&key).into_iter().flatten();
+        if is_from_before && !heard.any(|command| command.from_s <= t_s + EPSILON_S) {
             continue;
         }
         let counts = commands.get(&key).into_iter().flatten().find(|command| {

@@ -197,6 +197,20 @@ fn a_command_from_before_the_recorder_came_is_not_judged() {
 }
 
 #[test]
+fn a_command_from_before_the_recorder_came_is_not_taken_for_a_later_one_of_its_number() {
+    let mut audit = CommandAudit::default();
+    audit.record(&record(4, 2_900, 1, NO_SEAT));
+    for at_ms in [3_264, 3_281] {
+        audit.applied(&applied(at_ms, 4, (1, 126), false));
+    }
+    // Another process on the same seat has counted as far.
+    audit.command(&command(1, 126, 5_000));
+    audit.applied(&applied(5_001, 4, (1, 126), false));
+    let expected = CommandTally { ticks: 1, ..CommandTally::default() };
+    assert_eq!(audit.tally(), expected);
+}
+
+#[test]
 fn a_tick_whose_command_was_cut_off_is_not_settled() {
     let mut audit = flip();
     for at_ms in (15..=40).chain([1_040]) {
