@@ -116,13 +116,7 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
         })
         .collect();
     records.sort_by(|(a, _), (b, _)| a.total_cmp(b));
-    let mut commands: BTreeMap<[u64; 2], Vec<Command>> = BTreeMap::new();
-    for row in &flight.commands {
-        let [seat, _, sequence, validity_ns] = row.values[..] else { panic!("{row:?}") };
-        let key = [seat.to_bits(), sequence.to_bits()];
-        let until_s = row.t_s + validity_ns * 1e-9;
-        commands.entry(key).or_default().push(Command { from_s: row.t_s, until_s });
-    }
+    let commands = commands_of(flight);
     let (mut wrong, mut first, mut before_s) = (0_u32, None, None);
     let joined_s = flight.ticks.first().filter(|tick| tick.values[5] > 0.0).map(|tick| tick.t_s);
     let mut failed_over_before = 0.0;
@@ -174,6 +168,18 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
         )
     });
     told.into_iter().collect()
+}
+
+/// The commands by seat and sequence, to which a process that takes a seat later may come again.
+fn commands_of(flight: &Flight) -> BTreeMap<[u64; 2], Vec<Command>> {
+    let mut commands: BTreeMap<[u64; 2], Vec<Command>> = BTreeMap::new();
+    for row in &flight.commands {
+        let [seat, _, sequence, validity_ns] = row.values[..] else { panic!("{row:?}") };
+        let key = [seat.to_bits(), sequence.to_bits()];
+        let until_s = row.t_s + validity_ns * 1e-9;
+        commands.entry(key).or_default().push(Command { from_s: row.t_s, until_s });
+    }
+    commands
 }
 
 /// Nothing is missing between the first and the last sample of a process, and what an attitude controller publishes in one
