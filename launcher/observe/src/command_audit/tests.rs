@@ -197,7 +197,7 @@ fn a_command_from_before_the_recorder_came_is_not_judged() {
 }
 
 #[test]
-fn a_command_from_before_the_recorder_came_is_not_taken_for_a_later_one_of_its_number() {
+fn a_command_from_before_the_recorder_came_is_no_later_one_of_its_number() {
     let mut audit = CommandAudit::default();
     audit.record(&record(4, 2_900, 1, NO_SEAT));
     for at_ms in [3_264, 3_281] {
