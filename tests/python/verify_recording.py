@@ -245,8 +245,8 @@ def check_layout(text, channels, problems):
 
 def check_stamps(record, channel, message, audit, problems):
     topic = channel.topic
-    late = record.log_time >= record.publish_time
-    problems.expect(late, f"{topic}: received at {record.log_time}, sent at {record.publish_time}")
+    is_one = record.log_time == record.publish_time
+    problems.expect(is_one, f"{topic}: logged at {record.log_time}, sent at {record.publish_time}")
     if "header" not in message.DESCRIPTOR.fields_by_name:
         return
     problems.expect(

@@ -1,4 +1,4 @@
-//! The one table that turns a scenario into components. What else a new controller needs stands in
+//! Turns a scenario into components. Controllers are those of `with_controllers`, and what a new one needs stands in
 //! `launcher/docs/controllers.md`.
 //!
 //! It is a crate beside `scenario` because here each service is compiled into what its loop runs, which has to

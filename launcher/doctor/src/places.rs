@@ -47,7 +47,7 @@ fn free() -> Finding {
     let mb = stat.unwrap_or(0);
     let (lockstep_mb, realtime_mb) = (needs::SHARED_MEMORY_MB, needs::LOCKED_MEMORY_MB);
     let found = format!(
-        "{mb} MB free; a flight may need {lockstep_mb} MB, and in realtime with its memory locked {realtime_mb} MB"
+        "{mb} MB free; a flight may need {lockstep_mb} MB, and in realtime with its memory locked or reserved {realtime_mb} MB"
     );
     if mb < needs::SHARED_MEMORY_MB {
         return Finding::fail(

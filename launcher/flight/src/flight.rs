@@ -194,8 +194,6 @@ struct Flight {
     reserved_after_ns: u64,
     /// Takes the memory of what has been made since, where none is locked.
     reservation: Option<Reservation>,
-    /// A realtime flight that takes no memory before it touches it.
-    is_exposed: bool,
     /// The clock as the run's processes hear it.
     clock_reader: LatestPort<ClockRecord>,
     progress: Option<indicatif::ProgressBar>,

@@ -55,13 +55,6 @@ impl std::fmt::Debug for Recording {
     }
 }
 
-/// Time stamps of one record, Unix time \[ns\].
-#[derive(Debug, Clone, Copy)]
-struct Stamps {
-    log_ns: u64,
-    publish_ns: u64,
-}
-
 impl Recording {
     /// Creates the file at `path`, which must not exist yet, and writes the facts of the run, the
     /// scenario and a channel for every topic of the floor plan.
@@ -128,8 +121,8 @@ impl Recording {
     }
 
     /// Records a sample unless its producer repeats itself, and what viewers are to draw of it.
-    /// `receipt_mono_ns` is the recorder's
-    /// `CLOCK_MONOTONIC` when it took the sample \[ns\]; lockstep ignores it.
+    /// `receipt_mono_ns` is the recorder's `CLOCK_MONOTONIC` when it took the sample \[ns\]: in realtime it stamps what
+    /// carries no stamp of its own, and lockstep ignores it.
     ///
     /// # Errors
     /// [`RecordError::Write`], once; later samples are counted as missing.
@@ -156,11 +149,11 @@ impl Recording {
     /// Records what is derived from a sample.
     fn show<T: Sample>(&mut self, sample: &T, receipt_mono_ns: u64) -> Result<(), RecordError> {
         let header = sample.header();
-        let stamps = self.stamps(header, receipt_mono_ns);
+        let stamp_ns = self.stamp_ns(header, receipt_mono_ns);
         for (channel, message) in self.scene.observe(sample, self.instant_ns(header.release_ns)) {
             self.buffer.clear();
             self.buffer.extend_from_slice(&message);
-            self.put_stamped(self.scene_ids[channel], short(header.sequence), &stamps)?;
+            self.put_stamped(self.scene_ids[channel], short(header.sequence), stamp_ns)?;
         }
         Ok(())
     }
@@ -191,8 +184,7 @@ impl Recording {
         let stamp_ns = self.instant_ns(event.logical_ns);
         self.buffer.clear();
         messages::encode_log(event, stamp_ns, &mut self.buffer);
-        let stamps = Stamps { log_ns: stamp_ns, publish_ns: stamp_ns };
-        self.put_stamped(self.events_id, 0, &stamps)
+        self.put_stamped(self.events_id, 0, stamp_ns)
     }
 
     /// Records a scenario that configures one controller alone.
@@ -263,8 +255,8 @@ impl Recording {
         receipt_mono_ns: u64,
     ) -> Result<(), RecordError> {
         self.asked.1 = self.asked.1.max(header.release_ns);
-        let stamps = self.stamps(header, receipt_mono_ns);
-        self.put_stamped(channel_id, short(header.sequence), &stamps)
+        let stamp_ns = self.stamp_ns(header, receipt_mono_ns);
+        self.put_stamped(channel_id, short(header.sequence), stamp_ns)
     }
 
     /// Unix time of a logical instant \[ns\].
@@ -272,24 +264,20 @@ impl Recording {
         self.clock.unix_ns(self.epoch_unix_ns, logical_ns)
     }
 
-    fn stamps(&self, header: &Header, receipt_mono_ns: u64) -> Stamps {
+    /// Unix time of a sample's publication \[ns\], in lockstep of its release: when the recorder looked is nothing that a
+    /// viewer should draw a signal by.
+    fn stamp_ns(&self, header: &Header, receipt_mono_ns: u64) -> u64 {
         match self.clock {
-            Clock::Lockstep => {
-                let logical_ns = self.epoch_unix_ns.saturating_add(header.release_ns);
-                Stamps { log_ns: logical_ns, publish_ns: logical_ns }
-            }
+            Clock::Lockstep => self.epoch_unix_ns.saturating_add(header.release_ns),
             Clock::Realtime { .. } => {
-                let unix_ns = |mono_ns: u64| {
-                    self.epoch_unix_ns.saturating_add(mono_ns).saturating_sub(self.start_mono_ns)
-                };
                 // Words of the launcher and deviations carry no stamp of their own.
                 let publish_mono_ns = match header.publish_mono_ns {
                     0 => receipt_mono_ns,
                     stamped => stamped,
                 };
-                // When the recorder looked is nothing that a viewer should draw a signal by.
-                let published_ns = unix_ns(publish_mono_ns);
-                Stamps { log_ns: published_ns, publish_ns: published_ns }
+                self.epoch_unix_ns
+                    .saturating_add(publish_mono_ns)
+                    .saturating_sub(self.start_mono_ns)
             }
         }
     }
@@ -299,16 +287,12 @@ impl Recording {
         &mut self,
         channel_id: u16,
         sequence: u32,
-        stamps: &Stamps,
+        stamp_ns: u64,
     ) -> Result<(), RecordError> {
         self.asked.0 += 1;
         let Some(writer) = &mut self.writer else { return Ok(()) };
-        let header = MessageHeader {
-            channel_id,
-            sequence,
-            log_time: stamps.log_ns,
-            publish_time: stamps.publish_ns,
-        };
+        let header =
+            MessageHeader { channel_id, sequence, log_time: stamp_ns, publish_time: stamp_ns };
         writer.write_to_known_channel(&header, &self.buffer).map_err(|cause| self.fail(cause))
     }
 

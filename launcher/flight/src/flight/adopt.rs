@@ -1,6 +1,6 @@
 //! `morphquad adopt`: a flight whose launcher has died goes on under another one.
 
-use super::start::{Prepared, graph_of, restart_policy};
+use super::start::{Prepared, graph_of, restart_policy, takes_all_memory};
 use super::{Flight, LOOK_EVERY_NS, Outcome};
 use crate::checkpoint::{Checkpoint, CheckpointError, CheckpointWriter, Of};
 use crate::conductor::Conductor;
@@ -198,7 +198,8 @@ impl Flight {
         let services = HeldServices::take_over(&bus)?;
         let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
         let of = Of { adoptions: checkpoint.of.adoptions + 1, ..checkpoint.of.clone() };
-        let policy = restart_policy(scenario);
+        let takes_all = takes_all_memory(scenario);
+        let policy = restart_policy(scenario, takes_all);
         let give_up_ns = mono_now_ns() + SWEEP_LIMIT_NS;
         // Services admit only so many readers and writers: the dead launcher's have to be swept away first.
         let supervisor = loop {
@@ -227,8 +228,18 @@ impl Flight {
         let name = &scenario.settings().scenario.name;
         let flying = Flying::new(checkpoint.of.epoch_unix_ns, stamps_of(options));
         let live = Live::open(folder, &checkpoint.of.run, name, path, flying)?;
-        let prepared =
-            Prepared { graph, bus, services, supervisor, slots, conductor, recording, live, stop };
+        let prepared = Prepared {
+            graph,
+            bus,
+            services,
+            supervisor,
+            slots,
+            conductor,
+            recording,
+            live,
+            stop,
+            takes_all,
+        };
         Ok(Self::of(prepared, options)?)
     }
 

@@ -17,7 +17,7 @@ use record::Recorder;
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, LatestPort, ServiceKind};
-use runtime::namespace::Membership;
+use runtime::namespace::{BASE, Membership};
 use runtime::watch::StopFlags;
 use scenario::Scenario;
 use scenario::needs::{LOCKED_MEMORY_MB, instance_mb, locks};
@@ -50,16 +50,18 @@ pub(super) struct Prepared {
     pub(super) recording: Option<Recorder>,
     pub(super) live: Live,
     pub(super) stop: StopFlags,
+    /// Of [`takes_all_memory`].
+    pub(super) takes_all: bool,
 }
 
 /// What a scenario says about crashes.
-pub(super) fn restart_policy(scenario: &Scenario) -> RestartPolicy {
+pub(super) fn restart_policy(scenario: &Scenario, takes_all: bool) -> RestartPolicy {
     let launcher = &scenario.settings().launcher;
     RestartPolicy {
         backoff_ns: ns_from_s(launcher.restart_backoff_s),
         backoff_max_ns: ns_from_s(launcher.restart_backoff_max_s),
         limit: launcher.restart_limit as usize,
-        room_mb: instance_mb(scenario.settings(), takes_all_memory(scenario)),
+        room_mb: instance_mb(scenario.settings(), takes_all),
     }
 }
 
@@ -85,6 +87,8 @@ impl Flight {
     ) -> Result<Self, RunError> {
         let scenario = &options.scenario;
         let graph = graph_of(scenario)?;
+        // Asked once, before any of it is taken.
+        let takes_all = takes_all_memory(scenario);
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
         bus.lead()?;
         let services = HeldServices::create(&bus)?;
@@ -110,12 +114,22 @@ impl Flight {
         let startup_ns = ns_from_s(scenario.settings().launcher.startup_timeout_s);
         let slots = Slots::new(clock_of(scenario), &specs, scenario, startup_ns);
         let folder = membership.folder().to_path_buf();
-        let policy = restart_policy(scenario);
+        let policy = restart_policy(scenario, takes_all);
         let supervisor = Supervisor::new(&bus, folder, specs, &hello, policy, checkpoint_writer)?;
         let (mode, end_ns) = (clock_of(scenario), scenario.duration_ns());
         let conductor = Conductor::new(&bus, mode, options.speed, end_ns, &graph)?;
-        let prepared =
-            Prepared { graph, bus, services, supervisor, slots, conductor, recording, live, stop };
+        let prepared = Prepared {
+            graph,
+            bus,
+            services,
+            supervisor,
+            slots,
+            conductor,
+            recording,
+            live,
+            stop,
+            takes_all,
+        };
         Self::of(prepared, options)
     }
 
@@ -131,6 +145,7 @@ impl Flight {
             recording,
             mut live,
             stop,
+            takes_all,
         } = prepared;
         let settings = options.scenario.settings();
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
@@ -140,8 +155,6 @@ impl Flight {
         sinks.slot_watch = Some(if is_lockstep { watch } else { watch.by_the_wall() });
         sinks.feed = live.take_feed();
         let clock_reader = LatestPort::clock(&bus)?;
-        let takes_all = takes_all_memory(&options.scenario);
-        let is_exposed = !is_lockstep && !takes_all;
         let is_reserved = takes_all && !locks(settings, may_lock_memory());
         let reservation = is_reserved.then(|| bus.reservation());
         Ok(Self {
@@ -174,7 +187,6 @@ impl Flight {
             removals: (0, 0),
             reserved_after_ns: 0,
             reservation,
-            is_exposed,
             clock_reader,
             progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),
             notices: Vec::new(),
@@ -226,6 +238,13 @@ impl Flight {
         }
         self.protect();
         let realtime = self.conductor.mode() == ClockMode::Realtime;
+        let is_locked = locks(scenario.settings(), may_lock_memory());
+        if realtime && !is_locked && self.reservation.is_none() {
+            self.say(&format!(
+                "the memory of this flight is neither locked nor reserved, for which {BASE} had no {LOCKED_MEMORY_MB} MB: \
+                 a program that fills it can end the flight"
+            ));
+        }
         let start_ns = mono_now_ns() + if realtime { COUNTDOWN_NS } else { 0 };
         if let Some(recording) = &mut self.tap.sinks.recording {
             recording.set_start(start_ns);

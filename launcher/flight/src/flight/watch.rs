@@ -4,7 +4,6 @@ use super::Flight;
 use crate::stall::{StallCheck, stalled};
 use record::Severity;
 use runtime::namespace::{BASE, Reservation};
-use scenario::needs::LOCKED_MEMORY_MB;
 use shared_types::time::s_from_ns;
 use shared_types::{ClockMode, RegistryEntry, Role, Seat};
 use std::collections::BTreeMap;
@@ -49,12 +48,6 @@ impl Flight {
                 "services that another program removes cannot be put back: {error}"
             ));
         }
-        if self.is_exposed {
-            self.say(&format!(
-                "the memory of this flight is neither locked nor reserved, for which {BASE} has no {LOCKED_MEMORY_MB} MB: \
-                 a program that fills it can end the flight"
-            ));
-        }
         self.reserve_memory();
     }
 
@@ -85,11 +78,12 @@ impl Flight {
     /// Puts services back that are no longer there, and says so. A process that has just been started looks for them later.
     fn keep_services(&mut self, all_files: bool) {
         let Some(removed) = self.services.put_back(&self.bus, all_files) else { return };
-        let told =
-            if removed.put_back.is_ok() { &mut self.removals.0 } else { &mut self.removals.1 };
-        *told += 1;
-        let is_news = *told <= if removed.put_back.is_ok() { MAX_REMOVALS_TOLD } else { 1 };
-        if !is_news {
+        let (count, most) = match &removed.put_back {
+            Ok(()) => (&mut self.removals.0, MAX_REMOVALS_TOLD),
+            Err(_) => (&mut self.removals.1, 1),
+        };
+        *count += 1;
+        if *count > most {
             return;
         }
         let what_then = match removed.put_back {
