@@ -50,6 +50,18 @@ impl StepStamps {
     }
 }
 
+/// A step that has been computed and not published.
+#[derive(Debug, Clone, Copy)]
+pub struct Computed(Header);
+
+impl Computed {
+    /// Its release \[ns\].
+    #[must_use]
+    pub fn release_ns(&self) -> u64 {
+        self.0.release_ns
+    }
+}
+
 /// Which of its role's seats a component takes, and who it is there.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Place {
@@ -289,6 +301,13 @@ impl Executor {
 
     /// Runs the next release: accept, step, publish outputs, then state and statistics.
     pub fn run_step(&mut self, stamps: StepStamps) {
+        let computed = self.compute(stamps.release_mono_ns, stamps.start_mono_ns);
+        self.publish(computed, (stamps.now_mono_ns)());
+    }
+
+    /// The first half of a step, which has taken in what is in effect and computed; what it has written waits.
+    #[must_use]
+    pub fn compute(&mut self, release_mono_ns: u64, start_mono_ns: u64) -> Computed {
         let now_ns = self.mark_ns();
         if let Some(before_ns) = self.joins_after_ns.take() {
             self.component.parts().skip_until(before_ns);
@@ -301,14 +320,18 @@ impl Executor {
         }
         let tracks = now_ns < self.track_until_ns;
         let (origin, cause) = self.component.parts().step(now_ns, self.previous_ns, tracks);
-        let header = Header {
+        Computed(Header {
             input_sequence: origin.sequence,
             receive_mono_ns: origin.receive_mono_ns,
-            release_mono_ns: stamps.release_mono_ns,
-            start_mono_ns: stamps.start_mono_ns,
-            publish_mono_ns: (stamps.now_mono_ns)(),
+            release_mono_ns,
+            start_mono_ns,
             ..self.header(now_ns, cause)
-        };
+        })
+    }
+
+    /// The second half: publishes all that it owes at an instant of the host clock \[ns\], and goes on to the next release.
+    pub fn publish(&mut self, Computed(header): Computed, publish_mono_ns: u64) {
+        let (header, now_ns) = (Header { publish_mono_ns, ..header }, header.release_ns);
         self.component.parts().flush(&header);
         self.counts.steps += 1;
         self.counts.release_index = self.next_index;

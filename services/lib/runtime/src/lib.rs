@@ -21,6 +21,7 @@ pub mod namespace;
 mod namespace_error;
 pub mod output;
 pub mod ownership;
+pub mod pacing;
 pub mod priority;
 pub mod process;
 pub mod rate;

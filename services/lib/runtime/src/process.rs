@@ -13,6 +13,7 @@ use crate::ipc::{
     Bus, IpcSink, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber, WakeListener,
 };
 use crate::output::Sink as _;
+use crate::pacing::WAIT_LIMIT_NS;
 use crate::seat_marks::SeatMarks;
 use crate::service::RestoreError;
 use crate::upkeep::Upkeep;
@@ -23,8 +24,8 @@ use shared_types::{ClockMode, ClockRecord, Handover, Hello, Progress, Seat};
 use surroundings::{Neighbour, SlotReader};
 use thiserror::Error;
 
-/// Wall-clock limit of every wait, after which shared memory is read again.
-const WAIT_LIMIT: Duration = Duration::from_millis(20);
+/// See [`WAIT_LIMIT_NS`].
+const WAIT_LIMIT: Duration = Duration::from_nanos(WAIT_LIMIT_NS);
 /// Longest wait for a hand-over state in realtime \[ns\]. In lockstep time is held meanwhile, also if the launcher is
 /// stopped, and one that dies is noticed.
 const HANDOVER_LIMIT_NS: u64 = 5_000_000_000;
