@@ -31,6 +31,7 @@ mod report;
 mod storms;
 mod study;
 mod swap;
+mod timing;
 mod topic;
 mod trace;
 mod tracking;

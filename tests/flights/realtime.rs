@@ -2,10 +2,7 @@
 //!
 //! `MORPHQUAD_REALTIME_S=60 cargo test --release --test flights realtime -- --ignored` flies for a minute.
 
-use crate::common::processes::Running;
-use crate::common::time::pause_ms;
 use crate::common::{Flown, fly};
-use rustix::process::Signal;
 
 #[test]
 #[ignore = "soak: on a busy machine the vehicle is farther from its reference"]
@@ -56,26 +53,6 @@ fn a_slow_realtime_flight_without_a_miss_has_the_hash_of_the_lockstep_flight() {
     assert_every_miss_has_a_place(&slow);
     // A busy machine may miss even so.
     assert!(slow.hash() == lockstep.hash() || !slow.misses().is_empty(), "{}", slow.said());
-}
-
-#[test]
-#[ignore = "soak: how many samples are late, and by how much, depends on when the signals arrive"]
-fn what_a_stopped_estimator_makes_its_readers_miss_is_counted_located_and_named() {
-    let arguments = ["hover", "--clock", "realtime", "--speed", "0.2", "--for", "1500ms"];
-    let mut running = Running::start_and_fly(&arguments);
-    running.signal("estimator", Signal::STOP);
-    pause_ms(300);
-    running.signal("estimator", Signal::CONT);
-    let flown = running.wait();
-    assert_every_miss_has_a_place(&flown);
-    let late = flown.misses().iter().find(|miss| {
-        miss["kind"] == "late" && miss["topic"] == "state_estimate" && miss["to"] == "attitude"
-    });
-    let late = late.unwrap_or_else(|| panic!("{}", flown.said()));
-    assert_eq!(late["from"], "estimator");
-    assert!(late["count"].as_f64() >= Some(10.0), "{late}");
-    // A fifth of 300 ms, less what the first late sample of the stop has waited for its step.
-    assert!(late["worst_ms"].as_f64() >= Some(20.0), "{late}");
 }
 
 #[test]

@@ -7,13 +7,14 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
-const ALLOWED: [(&str, &[&str]); 44] = [
+const ALLOWED: [(&str, &[&str]); 45] = [
     (FEATURES, &[]),
     ("shared-types", &[]),
     ("qp", &[]),
     ("mpc", &["qp"]),
     ("vehicle", &[]),
     ("noise", &["shared-types"]),
+    ("timing", &["noise", "shared-types"]),
     ("slot", &["shared-types"]),
     ("runtime", &["shared-types", "slot"]),
     ("host", &["runtime", "shared-types", "vehicle"]),
@@ -49,6 +50,7 @@ const ALLOWED: [(&str, &[&str]); 44] = [
             "rehearsal",
             "runtime",
             "shared-types",
+            "timing",
             "vehicle",
             "verdict",
         ],
@@ -104,6 +106,7 @@ const ALLOWED: [(&str, &[&str]); 44] = [
             "shared-types",
             "slot",
             "swap",
+            "timing",
             "vehicle",
             "verdict",
         ],

@@ -201,7 +201,7 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
         writeln!(out, "wind    none")?;
     }
     monitor(scenario, out)?;
-    script_of(settings, out)
+    script_of(scenario, out)
 }
 
 /// Beyond what a new owner trips.
@@ -240,7 +240,8 @@ fn monitor(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
 }
 
 /// What is done to the flight on purpose.
-fn script_of(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
+fn script_of(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
+    let settings = scenario.settings();
     for swap in &settings.swap {
         let SwapSettings { slot, to, at_s, shadow_s, rollback_s, max_bump, config, .. } = swap;
         let config =
@@ -264,6 +265,11 @@ fn script_of(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<(
     }
     for FaultSettings { kind, name, at_s } in &settings.fault {
         writeln!(out, "fault   {} {name} at {at_s} s", kind.label())?;
+    }
+    if let Some(script) = scenario.timing() {
+        for (_, told) in script.told() {
+            writeln!(out, "timing  {told}")?;
+        }
     }
     for settings in &settings.order {
         if let Some(order) = settings.order() {

@@ -71,7 +71,14 @@ enum Outcome {
 /// # Errors
 /// [`RunError`] if the flight never started; what happens in flight is in the summary.
 pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
+    require_own_time(options)?;
     fly(options, None).map(|(summary, _)| summary)
+}
+
+/// Refuses a script of what processes take by themselves.
+fn require_own_time(options: &RunOptions) -> Result<(), RunError> {
+    let is_timed = !options.scenario.settings().timing.is_empty();
+    if is_timed { Err(RunError::TimingInProcesses) } else { Ok(()) }
 }
 
 /// As [`run`], and keeps the stamps of every sample.
@@ -82,6 +89,7 @@ pub fn run_measured(
     options: &RunOptions,
     stopwatch: Stopwatch,
 ) -> Result<(Summary, Stopwatch), RunError> {
+    require_own_time(options)?;
     let (summary, stopwatch) = fly(options, Some(stopwatch))?;
     Ok((summary, stopwatch.unwrap_or_default()))
 }

@@ -32,7 +32,7 @@ pub(crate) struct Rules {
     pub(crate) planned_ns: u64,
     /// Limits.
     pub(crate) thresholds: Thresholds,
-    /// What the script does on purpose: processes killed or stopped, and silences of the IMU, from when to when
+    /// What the scenario does on purpose: processes killed, loops stopped, and silences of the IMU, from when to when
     /// \[ns\].
     faults_ns: Vec<(u64, u64)>,
     recovery_ns: u64,
@@ -58,7 +58,7 @@ impl Rules {
             scenario: settings.scenario.name.clone(),
             planned_ns: scenario.duration_ns(),
             thresholds: scenario.thresholds(),
-            faults_ns: faults.chain(silences).collect(),
+            faults_ns: faults.chain(silences).chain(scenario.stops_ns()).collect(),
             recovery_ns: ns_from_s(settings.verdict.recovery_s),
             tick_s: 1.0 / settings.plant.rate_hz,
             geometry: over_ground.then(|| scenario.real_vehicle().geometry),

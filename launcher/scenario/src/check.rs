@@ -12,6 +12,7 @@ use super::ordered;
 use super::problem::Problem;
 use super::script;
 use super::settings::{Clock, Settings};
+use super::timing;
 use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
 use runtime::{Graph, GraphError};
@@ -218,7 +219,10 @@ impl<'s> Checker<'s> {
             Ok(graph) => {
                 self.resumable(&graph);
                 let scripted = script::check(self.settings(), &graph).into_iter();
-                for (key, what, remedy) in scripted.chain(ordered::check(self.scenario)) {
+                let timed = timing::check(self.settings(), &graph);
+                for (key, what, remedy) in
+                    scripted.chain(ordered::check(self.scenario)).chain(timed)
+                {
                     self.error(&key, what, remedy);
                 }
             }

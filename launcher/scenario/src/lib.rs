@@ -36,6 +36,7 @@ mod suggest;
 #[cfg(test)]
 mod tests;
 mod text;
+mod timing;
 mod trajectory_file;
 mod typed;
 mod vehicle;

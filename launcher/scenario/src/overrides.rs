@@ -136,7 +136,7 @@ impl Override {
     }
 
     /// One more entry of a list.
-    fn entry(shown: String, list: &str, entry: &str) -> Self {
+    pub(super) fn entry(shown: String, list: &str, entry: &str) -> Self {
         Self(Edit::added(shown, list, entry))
     }
 

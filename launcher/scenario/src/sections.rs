@@ -46,6 +46,7 @@ macro_rules! among_sections {
             standby list Vec<crate::settings::StandbySettings>,
             fault list Vec<crate::settings::FaultSettings>,
             order list Vec<crate::settings::OrderSettings>,
+            timing list Vec<crate::settings::TimingSettings>,
         }
     };
 }

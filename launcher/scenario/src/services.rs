@@ -55,6 +55,10 @@ impl Loop {
         Self { name, section, role, rate_hz }
     }
 
+    pub(crate) fn role(&self) -> Role {
+        self.role
+    }
+
     /// By its name or, the first, by that of its role; it may be written as its section is.
     pub(crate) fn named(name: &str) -> Option<&'static Self> {
         let name = name.trim().replace('_', "-");

@@ -6,6 +6,7 @@ pub use super::ordered::OrderSettings;
 pub use super::rehearsal::RehearsalSettings;
 pub use super::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
 pub use super::start::StartSettings;
+pub use super::timing::TimingSettings;
 pub use super::vehicle::{GeometrySettings, VehicleSettings};
 pub use super::verdict::VerdictSettings;
 use ::controller::ControllerSection as _;
@@ -40,6 +41,12 @@ impl Settings {
     pub fn is_scripted(&self) -> bool {
         let slots = self.swap.is_empty() && self.standby.is_empty() && self.fault.is_empty();
         !(slots && self.order.is_empty())
+    }
+
+    /// True if no state tells all of what the flight goes through: it is taken up in the middle by flying it from the start.
+    #[must_use]
+    pub fn is_more_than_states(&self) -> bool {
+        self.is_scripted() || !self.timing.is_empty()
     }
 
     /// Thresholds of the monitor for the position controllers as they are configured here.

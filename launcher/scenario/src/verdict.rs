@@ -132,7 +132,8 @@ impl Scenario {
         let is_led = orders().any(|order| matches!(order, Order::Goto(_)));
         let gate = &settings.plant.gate;
         Basis {
-            realtime: settings.scenario.clock == Clock::Realtime,
+            // Where loops and samples take time, some are late, as by the wall clock.
+            realtime: settings.scenario.clock == Clock::Realtime || !settings.timing.is_empty(),
             planned_s: settings.scenario.duration_s,
             speed_m_s: if is_led { speed_m_s.max(ORDERED_M_S) } else { speed_m_s },
             push_m_s2: self.push_m_s2(),

@@ -51,8 +51,8 @@ pub(super) fn graph(settings: &Settings) -> Result<Graph, WiringError> {
     let graph = Graph::new(nodes, &|topic| latency_ns(&settings.latency, topic))?;
     let deadline_s = |edge: &Edge| settings.realtime.deadline_s(edge.to, edge.topic.name);
     let graph = graph.with_deadlines(&|edge| deadline_s(edge).map(ns_from_s));
-    // Simulated time has no instant of publication.
-    let by_wall = settings.scenario.clock == Clock::Realtime;
+    // Without a time that steps take there is no instant of publication.
+    let by_wall = settings.scenario.clock == Clock::Realtime || !settings.timing.is_empty();
     let asap = |topic: &TopicInfo| settings.realtime.asap.iter().any(|name| name == topic.name);
     Ok(graph.with_asap(&|topic| by_wall && asap(topic)))
 }

@@ -137,7 +137,7 @@ impl Player {
     fn rewind(&mut self) {
         self.emitted = 0;
         self.values = [0.0; 3];
-        self.noise.rewind();
+        self.noise.seek(0);
     }
 
     fn is_live(&self, now_ns: u64) -> bool {

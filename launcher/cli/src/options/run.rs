@@ -51,6 +51,9 @@ pub struct ScenarioArguments {
     /// Kill or stop a process at a time, for example `kill:estimator@4.2s`
     #[arg(long, value_name = "kill|stop:NAME@TIME")]
     pub fault: Vec<String>,
+    /// What a loop or topic does to time, for example `attitude:step=12ms@2s..3s`; lockstep, with `--in-process`
+    #[arg(long, value_name = "NAME:KIND[=TIME][@FROM..TO]")]
+    pub timing: Vec<String>,
     /// Realtime: refuse to fly unless the system grants priority, locked memory and processors
     #[arg(long)]
     pub strict: bool,
@@ -76,9 +79,9 @@ impl ScenarioArguments {
         let assigned = self.controller.iter().map(|argument| Override::controller(argument));
         let goto = self.goto.iter().map(|argument| Override::goto(argument));
         let morph = self.morph.iter().map(|argument| Override::morph(argument));
-        let orders = goto.chain(morph);
-        let all =
-            set.chain(rate).chain(assigned).chain(swap).chain(standby).chain(fault).chain(orders);
+        let timing = self.timing.iter().map(|argument| Override::timing(argument));
+        let scripted = swap.chain(standby).chain(fault).chain(goto).chain(morph).chain(timing);
+        let all = set.chain(rate).chain(assigned).chain(scripted);
         let mut overrides = all.collect::<Result<Vec<_>, _>>()?;
         overrides.extend(self.strict.then(|| Override::set("realtime.strict=true")).transpose()?);
         overrides.extend(self.clock.as_deref().map(Override::clock));

@@ -105,7 +105,7 @@ impl Change {
             .is_ok_and(|assignment| assignment == Assignment::of(recorded.settings()));
         // The controller that has the slot at the instant need not be the one that was assigned.
         let same_assignment =
-            same_assignment && (self.swap.is_empty() || !recorded.settings().is_scripted());
+            same_assignment && (self.swap.is_empty() || !recorded.settings().is_more_than_states());
         self.set.is_empty() && self.seed.is_none() && self.duration.is_none() && same_assignment
     }
 
@@ -134,7 +134,7 @@ impl Change {
     /// The scenario from `at_ns` on.
     pub(super) fn apply(&self, recorded: &Scenario, at_ns: u64) -> Result<Scenario, ChangeError> {
         let mut edits = vec![Override::clock("lockstep"), Override::speed("max")];
-        let scripted = recorded.settings().is_scripted();
+        let scripted = recorded.settings().is_more_than_states();
         for setting in &self.set {
             if scripted {
                 return Err(ChangeError::Scripted { setting: setting.clone() });

@@ -21,7 +21,7 @@ use runtime::graph::CREDIT_NS;
 use scenario::Scenario;
 use shared_types::{ClockMode, Role, topics};
 use simulate::in_process::{
-    Checkpoint, Compare, Difference, InProcess, InProcessError, StateSource, Tape,
+    Checkpoint, Compare, Difference, InProcess, InProcessError, Likeness, StateSource, Tape,
 };
 use std::sync::Arc;
 use thiserror::Error;
@@ -40,8 +40,8 @@ pub struct Branch {
 enum From {
     /// The states of all services.
     States(Box<Checkpoint>),
-    /// The beginning: slots change hands in the flight, and who sits where, waits or shadows is what its
-    /// script has come to. It is flown again up to the instant, which has been compared.
+    /// The beginning: slots change hands in the flight, or its loops take time, and who sits where, waits or shadows, or
+    /// what is on the way, is what its script has come to. It is flown again up to the instant, which has been compared.
     Script {
         /// What was recorded.
         tape: Arc<Tape>,
@@ -128,7 +128,7 @@ impl Branch {
             return Err(BranchError::Beyond { at_s, recorded_s });
         }
         let realtime = ClockMode::from(scenario.settings().scenario.clock) == ClockMode::Realtime;
-        let scripted = scenario.settings().is_scripted();
+        let scripted = scenario.settings().is_more_than_states();
         if realtime && scripted
             || !scripted && tape.samples(&topics::SEATING).iter().any(|s| s.seat > 0)
         {
@@ -137,7 +137,7 @@ impl Branch {
         let remedy = if realtime { REALTIME } else { OTHER_BUILD };
         if scripted {
             let before = fly_script(&scenario, &tape, recorded_ns, at_ns)?;
-            let difference = before.0.verdict(at_ns).first;
+            let difference = before.0.first;
             if let Some(difference) = difference {
                 return Err(BranchError::NotRepeated { difference, remedy });
             }
@@ -242,17 +242,20 @@ impl Branch {
     }
 }
 
-/// Flies a scripted flight up to an instant: what compares it with the recording, and all of it.
+/// Flies a scripted flight up to an instant: how it compares with the recording, and all of it.
 fn fly_script(
     scenario: &Scenario,
     tape: &Arc<Tape>,
     recorded_ns: u64,
     at_ns: u64,
-) -> Result<(Compare, Tape), BranchError> {
+) -> Result<(Likeness, Tape), BranchError> {
     let seen = (Compare::with(Arc::clone(tape), recorded_ns), Tape::default());
     let mut flight = InProcess::new(scenario, StateSource::Estimator, seen)?;
     flight.fly_until(at_ns)?;
-    Ok(flight.seen(core::mem::take))
+    // What is late has not been published by then.
+    let flown_ns = flight.flown_ns().min(at_ns);
+    let (compare, before) = flight.seen(core::mem::take);
+    Ok((compare.verdict(flown_ns), before))
 }
 
 /// What is flown from the branch on.

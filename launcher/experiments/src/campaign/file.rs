@@ -15,12 +15,15 @@ use toml::{Spanned, Value};
 /// Cases of the largest campaign.
 const MAX_CASES: usize = 10_000_000;
 
+/// The section of what loops do when they are late.
+const REALTIME: &str = "realtime";
+
 /// Keys, or sections, that a case does not take from `[set]` or `[grid]`, and what does instead.
 const ELSEWHERE: [(&str, &str); 9] = [
     ("scenario.seed", "seeds are given with `seeds = ...`"),
     ("scenario.clock", "the flights of a campaign are in one process, which knows lockstep only"),
     ("scenario.speed", "the flights of a campaign go as fast as they can"),
-    ("realtime", "it does nothing in lockstep, and a campaign flies in lockstep"),
+    (REALTIME, "it does nothing in lockstep without [[timing]], and a campaign flies in lockstep"),
     ("swap", "write [[swap]] into the scenario that the campaign flies"),
     ("standby", "write [[standby]] into the scenario that the campaign flies"),
     ("fault", "write [[fault]] into the scenario that the campaign flies"),
@@ -109,9 +112,6 @@ impl Plan {
             reader.error(error.message(), remedy, error.span())
         })?;
         let mut axes = Vec::new();
-        for (key, value) in document.set.iter().chain(&document.grid) {
-            reader.refuse_elsewhere(key, value)?;
-        }
         for (key, value) in &document.grid {
             reader.axes(key, value.get_ref(), &value.span(), &mut axes)?;
         }
@@ -122,6 +122,12 @@ impl Plan {
         }
         let base = reader.base(path, &document.scenario, set)?;
         let plan = Self { base, axes, seeds, out: document.out, worst: document.worst };
+        let case = Case { seed: 0, values: Vec::new() };
+        let is_timed =
+            plan.base.scenario(&[], &case).is_ok_and(|flown| !flown.settings().timing.is_empty());
+        for (key, value) in document.set.iter().chain(&document.grid) {
+            reader.refuse_elsewhere(key, value, is_timed)?;
+        }
         let count = plan.axes.iter().map(|axis| axis.values.len());
         let count = count.chain(plan.seeds.as_ref().map(Vec::len));
         if count.fold(1, usize::saturating_mul) > MAX_CASES {
@@ -153,14 +159,21 @@ impl Reader<'_> {
         }
     }
 
-    fn refuse_elsewhere(&self, key: &str, value: &Spanned<Value>) -> Result<(), FileError> {
+    /// What the loops of a flight do when they are late matters where a script makes them late, `is_timed`.
+    fn refuse_elsewhere(
+        &self,
+        key: &str,
+        value: &Spanned<Value>,
+        is_timed: bool,
+    ) -> Result<(), FileError> {
+        let elsewhere = ELSEWHERE.iter().filter(|(outer, _)| !(is_timed && *outer == REALTIME));
         let mut found = None;
         leaves(key, value.get_ref(), &mut |leaf, _| {
             let is = |outer: &str| {
                 leaf.strip_prefix(outer)
                     .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
             };
-            found = found.or_else(|| ELSEWHERE.iter().find(|(outer, _)| is(outer)));
+            found = found.or_else(|| elsewhere.clone().find(|(outer, _)| is(outer)));
         });
         found.map_or(Ok(()), |(key, reason)| {
             Err(self.error(

@@ -46,6 +46,10 @@ pub enum InProcessError {
         /// Its complaint.
         error: RestoreError,
     },
+    /// A flight whose loops take time cannot be taken up in the middle: which of them compute, and what is on the way, is in
+    /// no state.
+    #[error("a flight with [[timing]] is flown from its start")]
+    TimingResumed,
     /// No step may run although the flight is not over: the graph is wrong.
     #[error("the flight hangs at {t_s} s: no loop may step, {role} is the furthest behind")]
     Stuck {

@@ -7,6 +7,7 @@ use super::marks::FlightMarks;
 use super::observer::SampleTaps;
 use super::posts::InProcessHost;
 use super::stepper::{InstanceMark, StepContext};
+use super::timed::{Flying, TimedClock};
 use super::wires::Wires;
 use super::{Conclusion, InProcessError, Outside, PerfectState, StateSource};
 use core::cell::RefCell;
@@ -33,6 +34,8 @@ pub struct Kernel {
     /// Who changes the hands of slots, if they change.
     director: Option<Box<Director>>,
     end_ns: u64,
+    /// The time that loops and samples take, if a script says so.
+    timed: Option<Box<TimedClock>>,
     now_mono_ns: fn() -> u64,
     /// The loop that is being stepped.
     stepping: usize,
@@ -59,7 +62,13 @@ impl Kernel {
         let scripted = scenario.settings().is_scripted() && from.is_none();
         let watch =
             scripted.then(|| Rc::new(RefCell::new(SlotWatch::new(&scenario.modelled_vehicle()))));
-        let mut wires = Wires::new(taps, watch.clone());
+        let timing = scenario.timing();
+        if timing.is_some() && from.is_some() {
+            return Err(InProcessError::TimingResumed);
+        }
+        let mut timed = timing.map(|script| Box::new(TimedClock::new(script, taps.others())));
+        let delays = timed.as_ref().map(|timed| Rc::clone(&timed.delays));
+        let mut wires = Wires::new(taps, watch.clone(), delays);
         let mut loops = Vec::new();
         for &node in graph.nodes() {
             let place = Seat::first(node.role);
@@ -87,7 +96,11 @@ impl Kernel {
             let host = InProcessHost::new(scenario, wires, watch, outside);
             director = Some(Box::new(Director::new(host, &graph, &loops)?));
         }
+        if let Some(timed) = &mut timed {
+            timed.begin(&graph, &mut loops);
+        }
         Ok(Self {
+            timed,
             graph,
             loops,
             marks,
@@ -112,6 +125,12 @@ impl Kernel {
     pub fn fly_until(&mut self, t_ns: u64) -> Result<(), InProcessError> {
         // What a panic leaves behind is looked at, and never stepped again.
         let flown = catch_unwind(AssertUnwindSafe(|| {
+            let Self { graph, loops, marks, end_ns, stepping, timed, .. } = self;
+            if let Some(timed) = timed {
+                let end_ns = *end_ns;
+                timed.fly_until(t_ns, &mut Flying { graph, loops, marks, end_ns, stepping });
+                return Ok(());
+            }
             loop {
                 while self.fly_interval(t_ns) {}
                 if !self.direct(t_ns)? {
@@ -127,6 +146,10 @@ impl Kernel {
             let t_s = l.stepper.next_ns() as f64 / 1e9;
             let words = words(panic.as_ref());
             return Err(InProcessError::Panicked { role: l.node.role.label(), t_s, words });
+        }
+        if self.timed.is_some() {
+            // A loop that is late is behind for a reason.
+            return Ok(());
         }
         let flying = self.loops.iter().filter(|l| l.flies());
         let slowest = flying.min_by_key(|l| l.stepper.next_ns());

@@ -9,6 +9,7 @@
 
 mod checkpoint;
 mod compare;
+mod delays;
 mod director;
 mod error;
 mod kernel;
@@ -21,6 +22,7 @@ mod posts;
 mod resume;
 mod stepper;
 mod tape;
+mod timed;
 mod wires;
 
 pub use checkpoint::Checkpoint;

@@ -33,6 +33,10 @@ pub(super) trait Stepper: Repeats {
     fn is_outside(&self) -> bool {
         false
     }
+    /// What runs its releases, if the loop is no process.
+    fn executor(&mut self) -> Option<&mut Executor> {
+        None
+    }
     /// True if the process of the loop has failed.
     fn has_failed(&self) -> bool {
         false
@@ -59,6 +63,9 @@ pub(super) trait Stepper: Repeats {
 }
 
 impl Stepper for Executor {
+    fn executor(&mut self) -> Option<&mut Executor> {
+        Some(self)
+    }
     fn begin(
         &mut self,
         order: &Handover,

@@ -1,5 +1,6 @@
 //! Topics as queues: every writer to every reader, in order, with room for a whole flight's worst.
 
+use super::delays::Delays;
 use super::observer::{ErasedObserver, SampleTap, SampleTaps};
 use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
@@ -100,11 +101,17 @@ pub(super) struct Wires {
     watch: Option<Rc<RefCell<SlotWatch>>>,
     /// The owner records, by topic name.
     records: BTreeMap<&'static str, Rc<Kept<OwnerRecord>>>,
+    /// When samples arrive, if not as they are published.
+    delays: Option<Rc<Delays>>,
 }
 
 impl Wires {
-    pub(super) fn new(taps: SampleTaps, watch: Option<Rc<RefCell<SlotWatch>>>) -> Self {
-        Self { lines: BTreeMap::new(), taps, watch, records: BTreeMap::new() }
+    pub(super) fn new(
+        taps: SampleTaps,
+        watch: Option<Rc<RefCell<SlotWatch>>>,
+        delays: Option<Rc<Delays>>,
+    ) -> Self {
+        Self { lines: BTreeMap::new(), taps, watch, records: BTreeMap::new(), delays }
     }
 
     /// Who is shown what is not published on a topic.
@@ -211,7 +218,11 @@ impl InputVisitor for Connect<'_> {
         let source = self.wires.subscribe(topic);
         let edge = self.graph.edge(&topic.info, self.role).copied();
         let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role));
-        input.connect(Box::new(source), Some(edge));
+        let source: Box<dyn Source<T>> = match &self.wires.delays {
+            Some(delays) => delays.delay((self.role, topic.info.name), source),
+            None => Box::new(source),
+        };
+        input.connect(source, Some(edge));
         Ok(())
     }
 }

@@ -90,7 +90,7 @@ pub(super) fn scenario(
 ) -> Result<Scenario, String> {
     let snapshot = &spec.snapshot;
     let mut root: Table = flown.to_toml().parse().map_err(|error| format!("{error}"))?;
-    for list in ["swap", "standby", "fault", "order"] {
+    for list in ["swap", "standby", "fault", "order", "timing"] {
         root.remove(list);
     }
     let duration_s = match who {

@@ -25,6 +25,8 @@ impl Source {
     pub const MORPH_ENCODER: Self = Self::of_bytes(b"morph_encoder");
     /// Disturbances; each event is a stream of its own.
     pub const DISTURBANCE: Self = Self::of_bytes(b"disturbance-injector");
+    /// What happens to the time of loops and samples; each entry is a stream of its own.
+    pub const TIMING: Self = Self::of_bytes(b"timing");
 
     /// The source of at most 24 bytes; the others are zero.
     ///
@@ -107,9 +109,9 @@ impl Noise {
         self.generator.get_stream()
     }
 
-    /// Back to the first word.
-    pub fn rewind(&mut self) {
-        self.generator.set_word_pos(0);
+    /// To the place after so many uniform numbers from the first one on.
+    pub fn seek(&mut self, numbers: u64) {
+        self.generator.set_word_pos(2 * u128::from(numbers));
     }
 
     /// The generator as plain numbers.
@@ -174,6 +176,16 @@ mod tests {
     }
 
     #[test]
+    fn a_stream_is_entered_at_any_number() {
+        let mut noise = Noise::new(1, Source::TIMING, 0);
+        for number in 0..100 {
+            let mut entered = Noise::new(1, Source::TIMING, 0);
+            entered.seek(number);
+            assert_eq!(entered.uniform().to_bits(), noise.uniform().to_bits(), "{number}");
+        }
+    }
+
+    #[test]
     fn other_seeds_sources_and_streams_give_other_numbers() {
         let first = |seed, source, stream| Noise::new(seed, source, stream).uniform().to_bits();
         let of_imu = first(1, Source::IMU, 0);
@@ -196,6 +208,7 @@ mod tests {
             (Source::POSE_FIX, b"pose_fix"),
             (Source::MORPH_ENCODER, b"morph_encoder"),
             (Source::DISTURBANCE, b"disturbance-injector"),
+            (Source::TIMING, b"timing"),
         ] {
             let mut whole = bytes.to_vec();
             whole.resize(24, 0);

@@ -1,0 +1,450 @@
+//! `[[timing]]`: what happens to the time of loops and samples, as [`timing::Script`] has it.
+
+use super::overrides::{refusal, seconds};
+use super::problem::{Complaint, ScenarioError};
+use super::settings::{Clock, Settings};
+use super::{Override, Scenario, suggest};
+use crate::services::Loop;
+use ::timing::{Duration, LoopEffect, LoopEntry, SampleEffect, SampleEntry, Script, Window};
+use garde::Validate;
+use runtime::Graph;
+use runtime::pacing::is_timed;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, Error, MapAccess, Visitor};
+use serde::{Deserialize, Serialize};
+use shared_types::time::ns_from_s;
+use shared_types::{TopicInfo, topics};
+
+/// Longest time that anything can take \[s\].
+const MAX_S: f64 = 3600.0;
+
+/// One `[[timing]]`: a loop begins late, takes its time, is stopped or misses wake-ups; or samples of a topic arrive late,
+/// twice or never. Exactly one of these.
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a key of its own in a scenario")]
+pub struct TimingSettings {
+    /// Name of a loop, as `morphquad check` lists them.
+    #[serde(rename = "loop")]
+    #[garde(skip)]
+    pub of_loop: Option<String>,
+    /// Name of a topic, in place of a loop.
+    #[garde(skip)]
+    pub topic: Option<String>,
+    /// Only the sample of a topic that is released at this time or next \[s\].
+    #[garde(range(min = 0.0, max = 1e6))]
+    pub at_s: Option<f64>,
+    /// From when; the start if left out \[s\].
+    #[garde(range(min = 0.0, max = 1e6))]
+    pub from_s: Option<f64>,
+    /// Until when; the end if left out \[s\].
+    #[garde(range(min = 0.0, max = 1e6))]
+    pub to_s: Option<f64>,
+    /// How much later the loop begins than its clock or its inputs would have it begin, always or drawn at each release:
+    /// `{ uniform_s = [0.0, 0.001] }`, or `{ values_s = [0.0, 0.005], weights = [99, 1] }` \[s\].
+    #[serde(default)]
+    #[garde(skip)]
+    #[schemars(schema_with = "seconds_schema")]
+    pub start_late_s: Option<DurationSettings>,
+    /// How long a step of the loop takes, always or drawn at each release as `start_late_s` \[s\].
+    #[serde(default)]
+    #[garde(skip)]
+    #[schemars(schema_with = "seconds_schema")]
+    pub step_s: Option<DurationSettings>,
+    /// The loop is stopped, as by a debugger.
+    #[serde(default)]
+    #[garde(skip)]
+    pub stopped: bool,
+    /// Wake-ups by the loop's inputs are lost.
+    #[serde(default)]
+    #[garde(skip)]
+    pub wake_missed: bool,
+    /// How long after their publication the samples arrive, always or drawn for each as `start_late_s` \[s\].
+    #[serde(default)]
+    #[garde(skip)]
+    #[schemars(schema_with = "seconds_schema")]
+    pub late_s: Option<DurationSettings>,
+    /// The samples never arrive.
+    #[serde(default)]
+    #[garde(skip)]
+    pub lost: bool,
+    /// The samples arrive twice.
+    #[serde(default)]
+    #[garde(skip)]
+    pub duplicated: bool,
+}
+
+fn seconds_schema(_: &mut SchemaGenerator) -> Schema {
+    json_schema!({ "type": "number", "minimum": 0.0, "maximum": MAX_S })
+}
+
+/// A time, or how it is drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub enum DurationSettings {
+    /// Always this \[s\].
+    Seconds(f64),
+    /// One of those that the table tells.
+    Drawn(DrawSettings),
+}
+
+/// How a time is drawn.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct DrawSettings {
+    /// Any time between these two \[s\].
+    uniform_s: Option<[f64; 2]>,
+    /// One of these \[s\].
+    values_s: Option<Vec<f64>>,
+    /// How often each of `values_s` is drawn, beside the others.
+    weights: Option<Vec<f64>>,
+}
+
+impl<'de> Deserialize<'de> for DurationSettings {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(DurationVisitor)
+    }
+}
+
+struct DurationVisitor;
+
+impl<'de> Visitor<'de> for DurationVisitor {
+    type Value = DurationSettings;
+
+    fn expecting(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("a number of seconds, { uniform_s = [LEAST, MOST] } or { values_s = [...], weights = [...] }")
+    }
+
+    fn visit_f64<E: Error>(self, value_s: f64) -> Result<DurationSettings, E> {
+        Ok(DurationSettings::Seconds(value_s))
+    }
+
+    fn visit_i64<E: Error>(self, value_s: i64) -> Result<DurationSettings, E> {
+        i32::try_from(value_s).map_err(E::custom).and_then(|value_s| self.visit_f64(value_s.into()))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<DurationSettings, A::Error> {
+        DrawSettings::deserialize(MapAccessDeserializer::new(map)).map(DurationSettings::Drawn)
+    }
+}
+
+impl DurationSettings {
+    /// As it is drawn; what is wrong with it, and what to write instead.
+    fn duration(&self) -> Result<Duration, (String, String)> {
+        let refuse = |what: &str, remedy: &str| Err((what.to_owned(), remedy.to_owned()));
+        let in_range = |value_s: &f64| (0.0..=MAX_S).contains(value_s);
+        let given_s = match self {
+            Self::Seconds(value_s) => vec![*value_s],
+            Self::Drawn(DrawSettings { uniform_s, values_s, .. }) => {
+                uniform_s.iter().flatten().chain(values_s.iter().flatten()).copied().collect()
+            }
+        };
+        if let Some(value_s) = given_s.iter().find(|value_s| !in_range(value_s)) {
+            return Err((format!("{value_s} s is no time"), format!("write 0 to {MAX_S} s")));
+        }
+        match self {
+            Self::Seconds(value_s) => Ok(Duration::Fixed(ns_from_s(*value_s))),
+            Self::Drawn(DrawSettings {
+                uniform_s: Some([least_s, most_s]),
+                values_s: None,
+                weights: None,
+            }) => {
+                if least_s > most_s {
+                    return refuse(
+                        "the first is longer than the second",
+                        "write the shorter time first",
+                    );
+                }
+                Ok(Duration::Uniform(ns_from_s(*least_s), ns_from_s(*most_s)))
+            }
+            Self::Drawn(DrawSettings { uniform_s: None, values_s: Some(values_s), weights }) => {
+                let weights = weights.clone().unwrap_or_else(|| vec![1.0; values_s.len()]);
+                if weights.len() != values_s.len()
+                    || weights.iter().any(|weight| *weight < 0.0)
+                    || weights.iter().sum::<f64>() <= 0.0
+                {
+                    return refuse(
+                        "each of values_s needs a weight, none of which is negative and one of which is not 0",
+                        "write as many weights as values, for example values_s = [0.001, 0.012], weights = [99, 1]",
+                    );
+                }
+                let values: Vec<(u64, f64)> =
+                    values_s.iter().map(|value_s| ns_from_s(*value_s)).zip(weights).collect();
+                Ok(Duration::weighted(&values))
+            }
+            Self::Drawn(_) => refuse(
+                "is not drawn in one way",
+                "write { uniform_s = [LEAST, MOST] } or { values_s = [...], weights = [...] }",
+            ),
+        }
+    }
+}
+
+/// An entry as the script has it.
+enum Entry {
+    Loop(LoopEntry),
+    Samples(SampleEntry),
+}
+
+/// What happens, of whatever it is about.
+enum Effect {
+    Loop(LoopEffect),
+    Samples(SampleEffect),
+}
+
+/// What is wrong with a key of an entry, and what to do.
+type Refusal = (&'static str, String, String);
+
+fn refuse<T>(
+    key: &'static str,
+    what: impl Into<String>,
+    remedy: impl Into<String>,
+) -> Result<T, Refusal> {
+    Err((key, what.into(), remedy.into()))
+}
+
+impl TimingSettings {
+    /// The entry, in a flight of these loops that ends at `end_ns` \[ns\].
+    fn entry(&self, graph: &Graph, end_ns: u64) -> Result<Entry, Refusal> {
+        let effect = self.effect()?;
+        match (&self.of_loop, &self.topic, effect) {
+            (Some(name), None, Effect::Loop(effect)) => self.of_a_loop(name, effect, graph, end_ns),
+            (None, Some(name), Effect::Samples(effect)) => {
+                self.of_a_topic(name, effect, graph, end_ns)
+            }
+            (Some(_), None, Effect::Samples(_)) => refuse(
+                "loop",
+                "late_s, lost and duplicated are about samples",
+                "name a topic in place of the loop",
+            ),
+            (None, Some(_), Effect::Loop(_)) => {
+                let what = "start_late_s, step_s, stopped and wake_missed are about a loop";
+                refuse("topic", what, "name a loop in place of the topic")
+            }
+            (Some(_), Some(_), _) => {
+                refuse("topic", "an entry is about a loop or about a topic", "write two entries")
+            }
+            (None, None, _) => {
+                refuse("loop", "says not which loop or topic", "write loop = NAME or topic = NAME")
+            }
+        }
+    }
+
+    /// The one thing that happens.
+    fn effect(&self) -> Result<Effect, Refusal> {
+        let durations = [
+            ("start_late_s", &self.start_late_s),
+            ("step_s", &self.step_s),
+            ("late_s", &self.late_s),
+        ];
+        let mut effects = Vec::new();
+        for (key, settings) in durations {
+            let Some(settings) = settings else { continue };
+            let duration = settings.duration().map_err(|(what, remedy)| (key, what, remedy))?;
+            effects.push(match key {
+                "start_late_s" => Effect::Loop(LoopEffect::StartLate(duration)),
+                "step_s" => Effect::Loop(LoopEffect::Step(duration)),
+                _ => Effect::Samples(SampleEffect::Late(duration)),
+            });
+        }
+        let flags = [
+            (self.stopped, Effect::Loop(LoopEffect::Stopped)),
+            (self.wake_missed, Effect::Loop(LoopEffect::WakeMissed)),
+            (self.lost, Effect::Samples(SampleEffect::Lost)),
+            (self.duplicated, Effect::Samples(SampleEffect::Duplicated)),
+        ];
+        effects.extend(flags.into_iter().filter(|(is_set, _)| *is_set).map(|(_, effect)| effect));
+        let mut effects = effects.into_iter();
+        let (Some(effect), None) = (effects.next(), effects.next()) else {
+            let what = "has not exactly one of start_late_s, step_s, stopped, wake_missed, late_s, lost and duplicated";
+            return refuse("", what, "write one entry for each");
+        };
+        Ok(effect)
+    }
+
+    fn of_a_loop(
+        &self,
+        name: &str,
+        effect: LoopEffect,
+        graph: &Graph,
+        end_ns: u64,
+    ) -> Result<Entry, Refusal> {
+        let flown = || graph.nodes().iter().filter_map(|node| Loop::of(node.role));
+        let Some(role) =
+            Loop::named(name).map(Loop::role).filter(|role| graph.node(*role).is_some())
+        else {
+            let remedy = suggest::remedy(name, flown().map(|known| known.name));
+            return refuse("loop", format!("no loop of this flight is called `{name}`"), remedy);
+        };
+        if effect == LoopEffect::WakeMissed && is_timed(graph, role) {
+            let what = format!("{name} goes by its own clock: no input wakes it");
+            return refuse("wake_missed", what, "leave the entry away, or let it start late");
+        }
+        if self.at_s.is_some() {
+            return refuse("at_s", "is about one sample of a topic", "write from_s and to_s");
+        }
+        Ok(Entry::Loop(LoopEntry { role, window: self.window(end_ns)?, effect }))
+    }
+
+    fn of_a_topic(
+        &self,
+        name: &str,
+        effect: SampleEffect,
+        graph: &Graph,
+        end_ns: u64,
+    ) -> Result<Entry, Refusal> {
+        let flows = |topic: &&'static TopicInfo| {
+            graph.edges().iter().any(|edge| edge.topic.name == topic.name)
+        };
+        let Some(topic) = topics::all().into_iter().filter(flows).find(|topic| topic.name == name)
+        else {
+            let known = topics::all().into_iter().filter(flows).map(|topic| topic.name);
+            let remedy = suggest::remedy(name, known);
+            return refuse(
+                "topic",
+                format!("no loop of this flight reads a topic called `{name}`"),
+                remedy,
+            );
+        };
+        let mut window = self.window(end_ns)?;
+        if let Some(at_s) = self.at_s {
+            if self.from_s.or(self.to_s).is_some() {
+                return refuse("at_s", "stands beside from_s or to_s", "write one of the two");
+            }
+            let period_ns =
+                graph.node(graph.producer(topic)).map_or(1, |node| node.rate.period_ns());
+            let from_ns = ns_from_s(at_s);
+            window = Window { from_ns, until_ns: from_ns.saturating_add(period_ns) };
+        }
+        Ok(Entry::Samples(SampleEntry { topic: topic.name, window, effect }))
+    }
+
+    fn window(&self, end_ns: u64) -> Result<Window, Refusal> {
+        let from_ns = ns_from_s(self.from_s.unwrap_or(0.0));
+        let until_ns = self.to_s.map_or(u64::MAX, ns_from_s);
+        if from_ns >= until_ns {
+            return refuse("to_s", "is not after from_s", "give a later time");
+        }
+        if from_ns.max(self.at_s.map_or(0, ns_from_s)) >= end_ns {
+            let key = if self.at_s.is_some() { "at_s" } else { "from_s" };
+            return refuse(key, "is past the end of the flight", "give an earlier time");
+        }
+        Ok(Window { from_ns, until_ns })
+    }
+}
+
+/// Entries that say nothing that can be done.
+pub(super) fn check(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
+    let mut complaints = Vec::new();
+    if settings.timing.is_empty() {
+        return complaints;
+    }
+    let mut refuse = |key: &str, what: &str, remedy: &str| {
+        complaints.push((key.to_owned(), what.to_owned(), remedy.to_owned()));
+    };
+    if settings.scenario.clock == Clock::Realtime {
+        let what = "the wall clock takes the time that it takes";
+        refuse("timing", what, "fly it with clock = \"lockstep\", or without timing");
+    }
+    if settings.is_scripted() {
+        let what = "swaps, standbys, faults and orders are not flown with timing yet";
+        refuse("timing", what, "leave either of the two away");
+    }
+    let end_ns = ns_from_s(settings.scenario.duration_s);
+    for (index, entry) in settings.timing.iter().enumerate() {
+        if let Err((key, what, remedy)) = entry.entry(graph, end_ns) {
+            let dot = if key.is_empty() { "" } else { "." };
+            complaints.push((format!("timing[{index}]{dot}{key}"), what, remedy));
+        }
+    }
+    complaints
+}
+
+impl Scenario {
+    /// What happens to the time of its loops and samples; none if all is as in lockstep.
+    #[must_use]
+    pub fn timing(&self) -> Option<Script> {
+        let settings = self.settings();
+        let graph = self.graph().ok().filter(|_| !settings.timing.is_empty())?;
+        let (mut loops, mut samples) = (Vec::new(), Vec::new());
+        for entry in &settings.timing {
+            match entry.entry(&graph, self.duration_ns()) {
+                Ok(Entry::Loop(entry)) => loops.push(entry),
+                Ok(Entry::Samples(entry)) => samples.push(entry),
+                // The scenario would not have been loaded.
+                Err(_) => {}
+            }
+        }
+        Some(Script::new(settings.scenario.seed, loops, samples))
+    }
+
+    /// From when to when `[[timing]]` stops a loop \[ns\].
+    #[must_use]
+    pub fn stops_ns(&self) -> Vec<(u64, u64)> {
+        let script = self.timing().unwrap_or_default();
+        let stops = script.loops().iter().filter(|entry| entry.effect == LoopEffect::Stopped);
+        stops.map(|entry| (entry.window.from_ns, entry.window.until_ns)).collect()
+    }
+}
+
+const TIMING_FORM: &str = "write --timing NAME:KIND=TIME@FROM..TO, for example --timing attitude:step=12ms@2s..3s or \
+    --timing imu:late=1ms..3ms; KIND is start-late or step with a TIME, stopped or wake-missed for a loop, and late with \
+    a TIME, lost or duplicated for a topic";
+
+impl Override {
+    /// `--timing NAME:KIND[=TIME][@FROM..TO]`, where NAME is a loop or a topic and TIME may be `LEAST..MOST`.
+    ///
+    /// # Errors
+    /// Not of this form.
+    pub fn timing(argument: &str) -> Result<Self, ScenarioError> {
+        let shown = format!("--timing {argument}");
+        let entry = entry_of(argument);
+        entry.map_or_else(
+            || {
+                Err(refusal(
+                    "--timing",
+                    &shown,
+                    "says not what happens to which loop or topic when",
+                    TIMING_FORM,
+                ))
+            },
+            |entry| Ok(Self::entry(shown.clone(), "timing", &entry)),
+        )
+    }
+}
+
+/// The entry in TOML.
+fn entry_of(argument: &str) -> Option<String> {
+    let (name, rest) = argument.split_once(':')?;
+    let (effect, window) =
+        rest.split_once('@').map_or((rest, None), |(effect, window)| (effect, Some(window)));
+    let (kind, value) =
+        effect.split_once('=').map_or((effect, None), |(kind, value)| (kind, Some(value)));
+    // A loop and a topic may have the same name.
+    let is_topic = matches!(kind, "late" | "lost" | "duplicated");
+    let mut entry = format!("{} = {name:?}", if is_topic { "topic" } else { "loop" });
+    let key = kind.replace('-', "_");
+    match (kind, value) {
+        ("start-late" | "step" | "late", Some(value)) => {
+            let drawn = match value.split_once("..") {
+                Some((least, most)) => {
+                    format!("{{ uniform_s = [{:?}, {:?}] }}", seconds(least)?, seconds(most)?)
+                }
+                None => format!("{:?}", seconds(value)?),
+            };
+            entry = format!("{entry}, {key}_s = {drawn}");
+        }
+        ("stopped" | "wake-missed" | "lost" | "duplicated", None) => {
+            entry = format!("{entry}, {key} = true");
+        }
+        _ => return None,
+    }
+    match window.map(|window| window.split_once("..")) {
+        None => {}
+        Some(Some((from, to))) => {
+            entry = format!("{entry}, from_s = {:?}, to_s = {:?}", seconds(from)?, seconds(to)?);
+        }
+        Some(None) => entry = format!("{entry}, at_s = {:?}", seconds(window?)?),
+    }
+    Some(entry)
+}

@@ -1,0 +1,123 @@
+//! Samples that arrive when a script says, on a clock that the flight moves.
+
+use core::cell::{Cell, RefCell};
+use runtime::graph::Edge;
+use runtime::{MarkView, Source};
+use shared_types::{Role, Sample};
+use std::collections::{BTreeMap, VecDeque};
+use std::rc::Rc;
+use timing::{Arrival, Script};
+
+/// Samples of a topic that have not arrived at one reader.
+#[derive(Debug, Clone, Copy)]
+struct OnTheWay {
+    /// When the next one arrives, on the host clock \[ns\].
+    arrives_mono_ns: u64,
+    /// Release of the oldest \[ns\].
+    release_ns: u64,
+}
+
+/// What is on the way to whom.
+#[derive(Debug)]
+pub(super) struct Delays {
+    script: Rc<Script>,
+    now_mono_ns: Cell<u64>,
+    /// By reader and topic.
+    on_the_way: RefCell<BTreeMap<(Role, &'static str), OnTheWay>>,
+}
+
+impl Delays {
+    pub(super) fn new(script: Rc<Script>) -> Self {
+        Self { script, now_mono_ns: Cell::new(0), on_the_way: RefCell::default() }
+    }
+
+    /// Moves the clock \[ns\].
+    pub(super) fn move_to(&self, now_mono_ns: u64) {
+        self.now_mono_ns.set(now_mono_ns);
+    }
+
+    /// When the next sample arrives that a loop has not received \[ns\].
+    pub(super) fn next_arrival_mono_ns(&self, role: Role) -> Option<u64> {
+        let on_the_way = self.on_the_way.borrow();
+        let of_role = on_the_way.iter().filter(|((reader, _), _)| *reader == role);
+        of_role.map(|(_, samples)| samples.arrives_mono_ns).min()
+    }
+
+    /// What `inner` gives, as it arrives at a loop.
+    pub(super) fn delay<T: Sample>(
+        self: &Rc<Self>,
+        (reader, topic): (Role, &'static str),
+        inner: impl Source<T> + 'static,
+    ) -> Box<dyn Source<T>> {
+        if self.script.samples().iter().any(|entry| entry.topic == topic) {
+            let delays = Rc::clone(self);
+            Box::new(DelayedSource { inner, delays, reader, topic, held: VecDeque::new() })
+        } else {
+            Box::new(inner)
+        }
+    }
+}
+
+/// Samples that are held back until they arrive.
+struct DelayedSource<T, S> {
+    inner: S,
+    delays: Rc<Delays>,
+    reader: Role,
+    topic: &'static str,
+    /// By arrival \[ns\].
+    held: VecDeque<(u64, T)>,
+}
+
+impl<T: Sample, S: Source<T>> DelayedSource<T, S> {
+    fn take_in(&mut self) {
+        while let Some(sample) = self.inner.receive() {
+            let header = sample.header();
+            let Arrival { delay_ns, copies } = self.delays.script.arrival(self.topic, header);
+            let arrives_mono_ns = header.publish_mono_ns.saturating_add(delay_ns);
+            let at = self.held.partition_point(|(other_ns, _)| *other_ns <= arrives_mono_ns);
+            for _ in 0..copies {
+                self.held.insert(at, (arrives_mono_ns, sample));
+            }
+        }
+    }
+}
+
+impl<T: Sample, S: Source<T>> Source<T> for DelayedSource<T, S> {
+    fn receive(&mut self) -> Option<T> {
+        self.take_in();
+        let now_mono_ns = self.delays.now_mono_ns.get();
+        let arrived = self.held.pop_front_if(|(arrives_ns, _)| *arrives_ns <= now_mono_ns);
+        let key = (self.reader, self.topic);
+        let mut on_the_way = self.delays.on_the_way.borrow_mut();
+        let oldest_ns = self.held.iter().map(|(_, sample)| sample.header().release_ns).min();
+        match (self.held.front(), oldest_ns) {
+            (Some((arrives_mono_ns, _)), Some(release_ns)) => {
+                let arrives_mono_ns = *arrives_mono_ns;
+                on_the_way.insert(key, OnTheWay { arrives_mono_ns, release_ns });
+            }
+            _ => {
+                on_the_way.remove(&key);
+            }
+        }
+        arrived.map(|(_, sample)| sample)
+    }
+}
+
+/// How far producers have got for one reader: a mark promises no sample that is still on the way.
+pub(super) struct DelayedMarks<'a, M> {
+    pub(super) marks: &'a M,
+    pub(super) delays: &'a Delays,
+    pub(super) reader: Role,
+}
+
+impl<M: MarkView> MarkView for DelayedMarks<'_, M> {
+    fn of(&self, edge: &Edge) -> u64 {
+        let on_the_way = self.delays.on_the_way.borrow();
+        let samples = on_the_way.get(&(self.reader, edge.topic.name));
+        let mark_ns = self.marks.of(edge);
+        samples.map_or(mark_ns, |samples| mark_ns.min(samples.release_ns))
+    }
+    fn of_role(&self, role: Role) -> u64 {
+        self.marks.of_role(role)
+    }
+}

@@ -1,0 +1,110 @@
+//! Whose turn is next.
+
+/// Why a loop has its turn. At one instant those that publish come first, then those that look whether they may step, and
+/// last those whose wait is over: what is published at the end of a wait is in time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum TurnKind {
+    /// Its step is over.
+    Publish,
+    /// It has been woken, or its rest is over.
+    Look,
+    /// It has waited long enough.
+    Expire,
+}
+
+/// One loop's turn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Turn {
+    /// When \[ns\].
+    pub at_ns: u64,
+    /// Why.
+    pub kind: TurnKind,
+    /// Which loop.
+    pub index: usize,
+}
+
+/// The next turn of each loop.
+#[derive(Debug, Clone, Default)]
+pub struct Agenda {
+    turns: Vec<Option<Turn>>,
+}
+
+impl Agenda {
+    /// For so many loops, each of which looks at an instant \[ns\].
+    #[must_use]
+    pub fn new(loops: usize, at_ns: u64) -> Self {
+        let turn = |index| Some(Turn { at_ns, kind: TurnKind::Look, index });
+        Self { turns: (0..loops).map(turn).collect() }
+    }
+
+    /// The next turn of all; none if every loop has ended.
+    #[must_use]
+    pub fn next(&self) -> Option<Turn> {
+        self.turns.iter().flatten().min().copied()
+    }
+
+    /// The next turn of a loop; none if it has ended.
+    #[must_use]
+    pub fn of(&self, index: usize) -> Option<Turn> {
+        self.turns.get(index).copied().flatten()
+    }
+
+    /// Gives a loop its next turn.
+    pub fn plan(&mut self, index: usize, kind: TurnKind, at_ns: u64) {
+        if let Some(turn) = self.turns.get_mut(index) {
+            *turn = Some(Turn { at_ns, kind, index });
+        }
+    }
+
+    /// Gives a loop no further turn.
+    pub fn end(&mut self, index: usize) {
+        if let Some(turn) = self.turns.get_mut(index) {
+            *turn = None;
+        }
+    }
+
+    /// Lets a loop that waits look at an instant, if that is before its wait is over \[ns\].
+    pub fn wake(&mut self, index: usize, at_ns: u64) {
+        let waits = |turn: &Turn| turn.kind == TurnKind::Expire && at_ns <= turn.at_ns;
+        if self.of(index).as_ref().is_some_and(waits) {
+            self.plan(index, TurnKind::Look, at_ns);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_publishes_comes_before_who_looks_and_that_before_whose_wait_is_over() {
+        let mut agenda = Agenda::new(4, 7);
+        agenda.plan(0, TurnKind::Expire, 7);
+        agenda.plan(1, TurnKind::Publish, 7);
+        agenda.plan(3, TurnKind::Publish, 8);
+        let mut order = Vec::new();
+        while let Some(turn) = agenda.next() {
+            order.push(turn.index);
+            agenda.end(turn.index);
+        }
+        assert_eq!(order, [1, 2, 0, 3]);
+    }
+
+    #[test]
+    fn only_a_loop_that_waits_is_woken_and_never_later_than_its_wait_ends() {
+        let mut agenda = Agenda::new(4, 0);
+        for (index, kind) in
+            [TurnKind::Expire, TurnKind::Look, TurnKind::Publish].into_iter().enumerate()
+        {
+            agenda.plan(index, kind, 10);
+        }
+        agenda.end(3);
+        (0..4).for_each(|index| agenda.wake(index, 5));
+        let at_ns =
+            |agenda: &Agenda| [0, 1, 2, 3].map(|index| agenda.of(index).map(|turn| turn.at_ns));
+        assert_eq!(at_ns(&agenda), [Some(5), Some(10), Some(10), None]);
+        agenda.plan(0, TurnKind::Expire, 10);
+        agenda.wake(0, 11);
+        assert_eq!(at_ns(&agenda)[0], Some(10));
+    }
+}

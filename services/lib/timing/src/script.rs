@@ -1,0 +1,272 @@
+//! What happens to the time of loops and samples, from when to when.
+
+use crate::duration::Duration;
+use core::fmt;
+use noise::{Noise, Source};
+use shared_types::{Header, Role};
+
+/// From one instant to right before another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Window {
+    /// First instant \[ns\].
+    pub from_ns: u64,
+    /// First instant after it \[ns\].
+    pub until_ns: u64,
+}
+
+impl Window {
+    /// True if an instant lies in it.
+    #[must_use]
+    pub fn contains(&self, at_ns: u64) -> bool {
+        (self.from_ns..self.until_ns).contains(&at_ns)
+    }
+}
+
+/// What happens to the time of a loop.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LoopEffect {
+    /// It begins so much later than its clock or its inputs would have it begin.
+    StartLate(Duration),
+    /// Its step takes so long.
+    Step(Duration),
+    /// It is stopped, as by a debugger: what it does goes on at the end.
+    Stopped,
+    /// Wake-ups by its inputs are lost, so that it looks when its wait is over.
+    WakeMissed,
+}
+
+/// One entry about a loop.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoopEntry {
+    /// Which.
+    pub role: Role,
+    /// From when to when.
+    pub window: Window,
+    /// What.
+    pub effect: LoopEffect,
+}
+
+/// What happens to the samples of a topic.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SampleEffect {
+    /// They arrive so much later.
+    Late(Duration),
+    /// They never arrive.
+    Lost,
+    /// They arrive twice.
+    Duplicated,
+}
+
+/// One entry about a topic.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SampleEntry {
+    /// Its name.
+    pub topic: &'static str,
+    /// Releases of the samples.
+    pub window: Window,
+    /// What.
+    pub effect: SampleEffect,
+}
+
+impl fmt::Display for Window {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "from {:.3} s", self.from_ns as f64 / 1e9)?;
+        match self.until_ns {
+            u64::MAX => f.write_str(" on"),
+            until_ns => write!(f, " to {:.3} s", until_ns as f64 / 1e9),
+        }
+    }
+}
+
+impl fmt::Display for LoopEntry {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { role, window, effect } = self;
+        match effect {
+            LoopEffect::StartLate(late) => write!(f, "{} begins {late} late", role.label()),
+            LoopEffect::Step(step) => write!(f, "{} takes {step} for a step", role.label()),
+            LoopEffect::Stopped => write!(f, "{} is stopped", role.label()),
+            LoopEffect::WakeMissed => write!(f, "{} misses wake-ups", role.label()),
+        }?;
+        write!(f, " {window}")
+    }
+}
+
+impl fmt::Display for SampleEntry {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { topic, window, effect } = self;
+        match effect {
+            SampleEffect::Late(late) => write!(f, "samples of {topic} arrive {late} late"),
+            SampleEffect::Lost => write!(f, "samples of {topic} are lost"),
+            SampleEffect::Duplicated => write!(f, "samples of {topic} arrive twice"),
+        }?;
+        write!(f, " {window}")
+    }
+}
+
+/// How a sample gets to its readers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Arrival {
+    /// How long after it was published \[ns\].
+    pub delay_ns: u64,
+    /// How often: 0 for a sample that is lost.
+    pub copies: u32,
+}
+
+/// Everything that happens to the time of a flight. Entries of one kind that overlap add up.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Script {
+    seed: u64,
+    loops: Vec<LoopEntry>,
+    samples: Vec<SampleEntry>,
+}
+
+impl Script {
+    /// Of these entries, with draws of a seed.
+    #[must_use]
+    pub fn new(seed: u64, loops: Vec<LoopEntry>, samples: Vec<SampleEntry>) -> Self {
+        Self { seed, loops, samples }
+    }
+
+    /// The same on a clock on which logical time 0 is at `start_ns`: windows of loops are on it, and releases are not \[ns\].
+    #[must_use]
+    pub fn on_clock(mut self, start_ns: u64) -> Self {
+        for LoopEntry { window, .. } in &mut self.loops {
+            window.from_ns = window.from_ns.saturating_add(start_ns);
+            window.until_ns = window.until_ns.saturating_add(start_ns);
+        }
+        self
+    }
+
+    /// What it says about loops.
+    #[must_use]
+    pub fn loops(&self) -> &[LoopEntry] {
+        &self.loops
+    }
+
+    /// What it says about topics.
+    #[must_use]
+    pub fn samples(&self) -> &[SampleEntry] {
+        &self.samples
+    }
+
+    /// What it says, a sentence for each entry, with the instant from which it holds, in their order \[ns\].
+    #[must_use]
+    pub fn told(&self) -> Vec<(u64, String)> {
+        let loops = self.loops.iter().map(|entry| (entry.window.from_ns, entry.to_string()));
+        let samples = self.samples.iter().map(|entry| (entry.window.from_ns, entry.to_string()));
+        let mut told: Vec<(u64, String)> = loops.chain(samples).collect();
+        told.sort_by_key(|(from_ns, _)| *from_ns);
+        told
+    }
+
+    /// When a loop whose next release is given begins that has reason to at `at_ns` \[ns\].
+    #[must_use]
+    pub fn begins_ns(&self, role: Role, at_ns: u64, release_ns: u64) -> u64 {
+        let late_ns = self.sum(role, at_ns, release_ns, |effect| match effect {
+            LoopEffect::StartLate(duration) => Some(duration),
+            _ => None,
+        });
+        self.goes_on_ns(role, at_ns.saturating_add(late_ns))
+    }
+
+    /// When the step for a release is over that begins at `start_ns` \[ns\].
+    #[must_use]
+    pub fn ends_ns(&self, role: Role, start_ns: u64, release_ns: u64) -> u64 {
+        let step_ns = self.sum(role, start_ns, release_ns, |effect| match effect {
+            LoopEffect::Step(duration) => Some(duration),
+            _ => None,
+        });
+        let (mut at_ns, mut left_ns) = (start_ns, step_ns);
+        // It computes from one stop to the next.
+        while let Some(stop_ns) = self.next_stop_ns(role, at_ns) {
+            let runs_ns = stop_ns.saturating_sub(at_ns);
+            if runs_ns >= left_ns {
+                break;
+            }
+            left_ns -= runs_ns;
+            at_ns = self.goes_on_ns(role, stop_ns);
+        }
+        at_ns.saturating_add(left_ns)
+    }
+
+    /// True if a wake-up of a loop is lost at an instant.
+    #[must_use]
+    pub fn misses_wake(&self, role: Role, at_ns: u64) -> bool {
+        self.of(role, at_ns).any(|(_, entry)| entry.effect == LoopEffect::WakeMissed)
+    }
+
+    /// How a sample of a topic gets to its readers.
+    #[must_use]
+    pub fn arrival(&self, topic: &str, header: &Header) -> Arrival {
+        let mut arrival = Arrival { delay_ns: 0, copies: 1 };
+        let meant =
+            |entry: &&SampleEntry| entry.topic == topic && entry.window.contains(header.release_ns);
+        for (number, entry) in (self.loops.len()..).zip(&self.samples) {
+            if !meant(&entry) {
+                continue;
+            }
+            match &entry.effect {
+                SampleEffect::Late(duration) => {
+                    let late_ns = duration.draw_ns(self.uniform(number, header.release_ns));
+                    arrival.delay_ns = arrival.delay_ns.saturating_add(late_ns);
+                }
+                SampleEffect::Lost => arrival.copies = 0,
+                SampleEffect::Duplicated => arrival.copies = arrival.copies.saturating_mul(2),
+            }
+        }
+        arrival
+    }
+
+    /// When a loop goes on that may be stopped at an instant \[ns\].
+    fn goes_on_ns(&self, role: Role, at_ns: u64) -> u64 {
+        let mut at_ns = at_ns;
+        while let Some(until_ns) =
+            self.stops(role).filter(|w| w.contains(at_ns)).map(|w| w.until_ns).max()
+        {
+            at_ns = until_ns;
+        }
+        at_ns
+    }
+
+    /// When a loop that runs at an instant is stopped next \[ns\].
+    fn next_stop_ns(&self, role: Role, at_ns: u64) -> Option<u64> {
+        let to_come = self.stops(role).filter(|w| w.from_ns < w.until_ns && w.until_ns > at_ns);
+        to_come.map(|w| w.from_ns.max(at_ns)).min()
+    }
+
+    fn stops(&self, role: Role) -> impl Iterator<Item = Window> {
+        let entries = self.loops.iter();
+        entries
+            .filter(move |entry| entry.role == role && entry.effect == LoopEffect::Stopped)
+            .map(|entry| entry.window)
+    }
+
+    fn of(&self, role: Role, at_ns: u64) -> impl Iterator<Item = (usize, &LoopEntry)> {
+        let entries = self.loops.iter().enumerate();
+        entries.filter(move |(_, entry)| entry.role == role && entry.window.contains(at_ns))
+    }
+
+    fn sum(
+        &self,
+        role: Role,
+        at_ns: u64,
+        release_ns: u64,
+        duration: impl Fn(&LoopEffect) -> Option<&Duration>,
+    ) -> u64 {
+        let drawn = self.of(role, at_ns).filter_map(|(number, entry)| {
+            let duration = duration(&entry.effect)?;
+            Some(duration.draw_ns(self.uniform(number, release_ns)))
+        });
+        drawn.fold(0, u64::saturating_add)
+    }
+
+    /// The number from [0, 1) that an entry draws for a release.
+    fn uniform(&self, number: usize, release_ns: u64) -> f64 {
+        let mut noise = Noise::new(self.seed, Source::TIMING, number as u64);
+        noise.seek(release_ns);
+        noise.uniform()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,115 @@
+use super::*;
+use proptest::prelude::*;
+
+const ROLE: Role = Role::Attitude;
+
+fn window(from_ns: u64, until_ns: u64) -> Window {
+    Window { from_ns, until_ns }
+}
+
+fn entry(window: Window, effect: LoopEffect) -> LoopEntry {
+    LoopEntry { role: ROLE, window, effect }
+}
+
+fn of_loops(loops: Vec<LoopEntry>) -> Script {
+    Script::new(1, loops, Vec::new())
+}
+
+fn sample(release_ns: u64) -> Header {
+    Header { release_ns, ..Header::default() }
+}
+
+#[test]
+fn a_stop_puts_off_what_begins_in_it_to_its_end() {
+    let stop = of_loops(vec![entry(window(100, 200), LoopEffect::Stopped)]);
+    let begins = [99, 100, 199, 200].map(|at_ns| stop.begins_ns(ROLE, at_ns, 0));
+    assert_eq!(begins, [99, 200, 200, 200]);
+    assert_eq!(stop.begins_ns(Role::Position, 150, 0), 150);
+}
+
+#[test]
+fn a_step_goes_on_after_each_stop_with_what_is_left_of_it() {
+    let step = entry(window(0, 1000), LoopEffect::Step(Duration::Fixed(50)));
+    let stops = [window(110, 200), window(190, 210), window(220, 230)];
+    let stops = stops.map(|window| entry(window, LoopEffect::Stopped));
+    let script = of_loops([&[step][..], &stops].concat());
+    // 10 before the first stop, 10 between the two, 30 after.
+    assert_eq!(script.ends_ns(ROLE, 100, 0), 260);
+    // Over when the stop begins.
+    assert_eq!(script.ends_ns(ROLE, 60, 0), 110);
+    // It began after the last window.
+    assert_eq!(script.ends_ns(ROLE, 1000, 0), 1000);
+}
+
+#[test]
+fn entries_of_one_kind_that_overlap_add_up() {
+    let late = |ns| LoopEffect::StartLate(Duration::Fixed(ns));
+    let script = of_loops(vec![entry(window(0, 10), late(3)), entry(window(5, 15), late(4))]);
+    assert_eq!([4, 5, 10, 15].map(|at_ns| script.begins_ns(ROLE, at_ns, 0)), [7, 12, 14, 15]);
+}
+
+#[test]
+fn a_sample_is_late_lost_or_doubled_by_its_release() {
+    let samples = vec![
+        SampleEntry {
+            topic: "imu",
+            window: window(10, 20),
+            effect: SampleEffect::Late(Duration::Fixed(7)),
+        },
+        SampleEntry { topic: "imu", window: window(15, 16), effect: SampleEffect::Duplicated },
+        SampleEntry { topic: "imu", window: window(18, 19), effect: SampleEffect::Lost },
+    ];
+    let script = Script::new(1, Vec::new(), samples);
+    let arrivals = [9, 10, 15, 18, 20].map(|release_ns| {
+        let Arrival { delay_ns, copies } = script.arrival("imu", &sample(release_ns));
+        (delay_ns, copies)
+    });
+    assert_eq!(arrivals, [(0, 1), (7, 1), (7, 2), (7, 0), (0, 1)]);
+    assert_eq!(script.arrival("pose_fix", &sample(15)), Arrival { delay_ns: 0, copies: 1 });
+}
+
+#[test]
+fn draws_depend_on_seed_entry_and_release_alone() {
+    let jitter = LoopEffect::StartLate(Duration::Uniform(0, 1 << 40));
+    let entries = vec![entry(window(0, 9), jitter.clone()), entry(window(9, 99), jitter)];
+    let draw = |seed, at_ns, release_ns| {
+        Script::new(seed, entries.clone(), Vec::new()).begins_ns(ROLE, at_ns, release_ns) - at_ns
+    };
+    assert_eq!(draw(1, 0, 5), draw(1, 8, 5));
+    assert_ne!(draw(1, 0, 5), draw(2, 0, 5), "seed");
+    assert_ne!(draw(1, 0, 5), draw(1, 9, 5), "entry");
+    assert_ne!(draw(1, 0, 5), draw(1, 0, 6), "release");
+}
+
+#[test]
+fn a_clock_that_begins_elsewhere_moves_windows_of_loops_and_no_release() {
+    let lost = SampleEntry { topic: "imu", window: window(0, 10), effect: SampleEffect::Lost };
+    let stop = entry(window(0, 10), LoopEffect::Stopped);
+    let script = Script::new(1, vec![stop], vec![lost]).on_clock(1000);
+    assert_eq!([5, 1005].map(|at_ns| script.begins_ns(ROLE, at_ns, 0)), [5, 1010]);
+    assert_eq!(script.arrival("imu", &sample(5)).copies, 0);
+}
+
+proptest! {
+    /// Instant by instant.
+    #[test]
+    fn a_step_takes_as_many_instants_outside_stops_as_it_is_long(
+        stops in proptest::collection::vec((0_u64..60, 1_u64..20), 0..5),
+        start_ns in 0_u64..50,
+        step_ns in 0_u64..40,
+    ) {
+        let stops: Vec<Window> = stops.iter().map(|&(from, long)| window(from, from + long)).collect();
+        let is_stopped = |at_ns: u64| stops.iter().any(|stop| stop.contains(at_ns));
+        prop_assume!(!is_stopped(start_ns));
+        let step = entry(window(0, 1000), LoopEffect::Step(Duration::Fixed(step_ns)));
+        let stopped = stops.iter().map(|stop| entry(*stop, LoopEffect::Stopped));
+        let script = of_loops([step].into_iter().chain(stopped).collect());
+        let mut end_ns = start_ns;
+        let mut left_ns = step_ns;
+        while left_ns > 0 {
+            left_ns -= u64::from(!is_stopped(end_ns));
+            end_ns += 1;
+        }
+        prop_assert_eq!(script.ends_ns(ROLE, start_ns, 0), end_ns);
+    }
+}

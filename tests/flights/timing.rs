@@ -1,0 +1,259 @@
+//! `[[timing]]`: loops that begin late, take their time or are stopped, and samples that are late or lost, to the last bit.
+//!
+//! `MORPHQUAD_ROUNDS=500 cargo test --release --test flights timing::every` flies as many scripts by chance.
+
+use crate::common::{Flown, fly, morphquad, rounds};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde_json::Value;
+use std::path::Path;
+
+/// Flies in one process with these scripts.
+fn timed(flags: &[&str], scripts: &[&str]) -> Flown {
+    let scripts = scripts.iter().flat_map(|script| ["--timing", *script]);
+    let flags: Vec<&str> = flags.iter().copied().chain(["--in-process"]).chain(scripts).collect();
+    fly(&flags)
+}
+
+/// A number of the summary that counts.
+fn count(flown: &Flown, key: &str) -> u64 {
+    flown.summary()[key].as_u64().unwrap_or_else(|| panic!("no {key}: {}", flown.said()))
+}
+
+/// What was missed of a kind on the way to a loop: how often, and first and last when \[s\].
+fn missed(flown: &Flown, kind: &str, topic: Option<&str>, to: &str) -> Option<(u64, f64, f64)> {
+    let meant =
+        |miss: &&Value| miss["kind"] == kind && miss["topic"].as_str() == topic && miss["to"] == to;
+    let miss = flown.misses().iter().find(meant)?;
+    let number = |key: &str| miss[key].as_f64().expect("a number");
+    Some((miss["count"].as_u64()?, number("first_s"), number("last_s")))
+}
+
+fn identical(recording: &Path) -> bool {
+    let output =
+        morphquad(["replay"]).arg(recording).args(["--verify", "--format", "json"]).output();
+    let told: Value =
+        serde_json::from_slice(&output.expect("it starts").stdout).unwrap_or(Value::Null);
+    told["verify"]["identical"] == true
+}
+
+#[test]
+fn a_script_that_takes_no_time_changes_no_bit() {
+    let flags = ["figure8-morph", "--for", "3s", "--no-record"];
+    let plain = fly(&[&flags[..], &["--in-process"]].concat());
+    let still = ["attitude:step=0s", "plant:start-late=0s", "imu:late=0s", "imu:duplicated"];
+    let flown = timed(&flags, &still);
+    assert_eq!(flown.hash(), plain.hash());
+    flown.assert_clean();
+}
+
+/// 100 Hz, and steps of 12 ms from 5.0 s on: the loop falls behind by 2 ms in each, and at 5.06 s the release of 5.05 s
+/// and that of 5.06 s have both passed.
+#[test]
+fn each_miss_policy_does_with_an_overrun_what_it_says() {
+    for (policy, skipped, late) in [
+        ("skip", Some((1, 5.06, 5.06)), 10),
+        // It runs the release that is a whole period behind too, and the two after the window late.
+        ("catch-up", None, 11),
+        // It leaves that of 5.06 s out as well.
+        ("hold", Some((2, 5.07, 5.07)), 9),
+    ] {
+        let policy = format!("realtime.attitude_mpc.miss_policy={policy:?}");
+        let flags = ["hover", "--for", "6s", "--no-record", "--set", &policy];
+        let flown = timed(&flags, &["attitude:step=12ms@5s..5.1s"]);
+        assert_eq!(missed(&flown, "skipped", None, "attitude"), skipped, "{policy}");
+        let commands = missed(&flown, "late", Some("wrench_command"), "plant").expect("late ones");
+        assert_eq!((commands.0, commands.1), (late, 5.012), "{policy}");
+        let expected = skipped.map_or(0, |(count, ..)| count);
+        assert_eq!(count(&flown, "missed_ticks"), expected);
+    }
+}
+
+/// 300 ms: its readers step without it at each of their releases, and get all of its estimates at the end, those up to
+/// their last step late.
+#[test]
+fn what_a_stopped_estimator_makes_its_readers_miss_is_counted_located_and_named() {
+    let flown = timed(&["hover", "--for", "4s"], &["estimator:stopped@2s..2.3s"]);
+    let estimate = Some("state_estimate");
+    for (to, period_ms) in [("attitude", 10), ("monitor", 10), ("position", 20)] {
+        let last_ms = 300 - period_ms;
+        let last_s = f64::from(2000 + last_ms) / 1e3;
+        let steps = u64::from(300_u32 / period_ms);
+        let late = u64::from(last_ms) + 1;
+        assert_eq!(missed(&flown, "not final", estimate, to), Some((steps, 2.0, last_s)), "{to}");
+        assert_eq!(missed(&flown, "late", estimate, to), Some((late, 2.3, 2.3)), "{to}");
+    }
+    assert_eq!(count(&flown, "late_samples"), 863);
+    assert_eq!((flown.verdict(), flown.code), ("PASSED", Some(0)), "{}", flown.said());
+    assert!(identical(&flown.recording_path()));
+}
+
+#[test]
+fn a_loop_whose_wake_ups_are_lost_begins_when_its_wait_is_over() {
+    let flown = timed(&["hover", "--for", "2s"], &["attitude:wake-missed@1s..1.5s"]);
+    flown.assert_clean();
+    let stamps = ["header.release_ns", "header.start_mono_ns", "header.release_mono_ns"];
+    let late_ns = |row: &[f64]| row[1] - row[2];
+    for row in flown.recording().series("wrench_command", &stamps) {
+        let is_missed = (1e9..1.5e9).contains(&row.values[0]);
+        let expected_ns = if is_missed { 500_000.0 } else { 0.0 };
+        assert!((late_ns(&row.values) - expected_ns).abs() < 512.0, "{:?}", row.values);
+    }
+}
+
+#[test]
+fn a_lost_sample_is_recorded_and_missed_by_its_readers_alone() {
+    let flown = timed(&["hover", "--for", "2s"], &["wrench_command:lost@1s"]);
+    assert_eq!(count(&flown, "unseen_samples"), 1, "{}", flown.said());
+    assert_eq!(count(&flown, "dropped_samples"), 0);
+    let commands = flown.recording().series("wrench_command", &["header.release_ns"]);
+    assert_eq!(commands.len(), 200);
+    assert!(identical(&flown.recording_path()));
+}
+
+/// A sample is waited for as a loop is: readers of an estimate wait 0.5 ms for it, and what comes then is in time.
+#[test]
+fn a_late_sample_or_producer_holds_its_reader_up_until_the_deadline() {
+    for (script, misses) in [
+        ("state_estimate:late=0.5ms@1s..1.5s", 0),
+        ("state_estimate:late=0.51ms@1s..1.5s", 50),
+        ("estimator:step=0.5ms@1s..1.5s", 0),
+        ("estimator:step=0.51ms@1s..1.5s", 50),
+    ] {
+        let flown = timed(&["hover", "--for", "2s", "--no-record"], &[script]);
+        let told = missed(&flown, "not final", Some("state_estimate"), "attitude");
+        assert_eq!(told.map_or(0, |(count, ..)| count), misses, "{script}: {}", flown.said());
+    }
+}
+
+/// 3 ms of computation and what is sent takes effect at once: 3 ms after its release, and not after its latency.
+#[test]
+fn an_asap_edge_takes_effect_when_the_step_is_over() {
+    let asap = ["hover", "--for", "1s", "--set", "realtime.asap=[\"wrench_command\"]"];
+    let flown = timed(&asap, &["attitude:step=3ms"]);
+    let stamps = ["header.release_ns", "header.valid_ns"];
+    for row in flown.recording().series("wrench_command", &stamps) {
+        assert_eq!((row.values[1] - row.values[0]).to_bits(), 3e6_f64.to_bits());
+    }
+    assert!(identical(&flown.recording_path()));
+}
+
+/// A stop is a fault that the script tells, and an overrun is none: see `verdict`.
+#[test]
+fn a_scripted_stop_explains_the_safe_mode_episode_that_it_causes() {
+    let flags = ["hover", "--for", "6s", "--no-record"];
+    for (script, verdict) in [("stopped", "PASSED"), ("start-late=80ms", "FAILED")] {
+        let script = format!("attitude:{script}@1s..1.08s");
+        let strict = ["--set", "verdict.safe_mode_max=0"];
+        let flown = timed(&[&flags[..], &strict].concat(), &[&script]);
+        assert_eq!(
+            (flown.verdict(), count(&flown, "safe_mode_episodes")),
+            (verdict, 1),
+            "{script}"
+        );
+    }
+}
+
+/// One script by chance.
+fn by_chance(rng: &mut ChaCha8Rng) -> String {
+    let mut below = |n: u32| rng.next_u32() % n;
+    let loops = ["plant", "estimator", "position", "attitude", "disturbance", "pilot", "monitor"];
+    let topics =
+        ["imu", "pose_fix", "state_estimate", "wrench_command", "attitude_setpoint", "reference"];
+    let (from_ms, long_ms) = (below(1500), 1 + below(300));
+    let window = format!("@{from_ms}ms..{}ms", from_ms + long_ms);
+    let us = [below(3000), below(30_000)];
+    let time = format!("{}us..{}us", us[0].min(us[1]), us[0].max(us[1]));
+    let of_loop = loops[below(7) as usize];
+    let of_topic = topics[below(6) as usize];
+    match below(7) {
+        0 => format!("{of_loop}:start-late={time}{window}"),
+        1 | 2 => format!("{of_loop}:step={time}{window}"),
+        3 => format!("{of_loop}:stopped{window}"),
+        4 => format!("attitude:wake-missed{window}"),
+        5 => format!("{of_topic}:late={time}{window}"),
+        _ => format!("{of_topic}:{}{window}", ["lost", "duplicated"][below(2) as usize]),
+    }
+}
+
+#[test]
+fn every_script_flies_to_the_same_bits_accounts_for_its_releases_and_is_verified() {
+    for seed in 0..rounds(5) as u64 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let entries = 1 + rng.next_u32() % 5;
+        let scripts: Vec<String> = (0..entries).map(|_| by_chance(&mut rng)).collect();
+        let scripts: Vec<&str> = scripts.iter().map(String::as_str).collect();
+        let flags = ["figure8-morph", "--for", "2s"];
+        let flown = timed(&flags, &scripts);
+        assert_eq!(flown.hash(), timed(&flags, &scripts).hash(), "{seed}: {scripts:?}");
+        assert_eq!(
+            (count(&flown, "dropped_samples"), count(&flown, "flown_ns")),
+            (0, 2_000_000_000),
+            "{seed}: {scripts:?}"
+        );
+        assert!(identical(&flown.recording_path()), "{seed}: {scripts:?}");
+        // Each release was run or left out.
+        let totals = flown.recording().series("loop_stats", &["role", "steps", "skipped"]);
+        for (role, releases) in [(0.0_f64, 2000), (1.0, 2000), (2.0, 100), (3.0, 200)] {
+            let of_role = totals.iter().rfind(|row| row.values[0].to_bits() == role.to_bits());
+            let [_, steps, skipped] = of_role.expect("totals").values[..] else { panic!() };
+            assert_eq!(
+                (steps + skipped).to_bits(),
+                f64::from(releases).to_bits(),
+                "{seed}: {scripts:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_timed_is_refused_with_a_remedy() {
+    for (flags, what, remedy) in [
+        (
+            &["--timing", "attitude:late=1ms"][..],
+            "no loop of this flight reads a topic called `attitude`",
+            "attitude_setpoint",
+        ),
+        (
+            &["--timing", "attitud:step=1ms"],
+            "no loop of this flight is called `attitud`",
+            "attitude",
+        ),
+        (&["--timing", "plant:wake-missed"], "goes by its own clock", "start late"),
+        (
+            &["--timing", "attitude:step"],
+            "says not what happens",
+            "--timing attitude:step=12ms@2s..3s",
+        ),
+        (&["--timing", "attitude:stopped@3s..2s"], "is not after from_s", "later"),
+        (&["--timing", "attitude:stopped@30s..40s"], "past the end of the flight", "earlier"),
+        (&["--timing", "attitude:step=3ms..1ms"], "the first is longer", "shorter time first"),
+        (&["--timing", "attitude:step=1ms", "--clock", "realtime"], "the wall clock", "lockstep"),
+        (
+            &["--timing", "attitude:step=1ms", "--fault", "kill:attitude-mpc@1s"],
+            "not flown with timing",
+            "leave",
+        ),
+        (
+            &[
+                "--set",
+                "timing=[{ loop = \"attitude\", step_s = { values_s = [1, 2], weights = [1] } }]",
+            ],
+            "weight",
+            "as many weights",
+        ),
+        (
+            &["--set", "timing=[{ loop = \"attitude\", step_s = 1, stopped = true }]"],
+            "exactly one of",
+            "one entry for each",
+        ),
+        (&["--set", "timing=[{ topic = \"imu\", step_s = 1 }]"], "are about a loop", "name a loop"),
+    ] {
+        let output = morphquad(["check", "hover"]).args(flags).output().expect("it starts");
+        let said = String::from_utf8_lossy(&output.stderr)
+            .replace("\n  │ ", " ")
+            .replace("\n        ", " ");
+        assert_eq!(output.status.code(), Some(2), "{flags:?}: {said}");
+        assert!(said.contains(what) && said.contains(remedy), "{flags:?}: {said}");
+    }
+}
