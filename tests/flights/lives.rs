@@ -139,25 +139,14 @@ fn late_together(flown: &Flown) -> usize {
 
 /// Before this was told by seat, the numbers of one were taken for the other's.
 #[test]
-#[ignore = "soak: a busy machine keeps a standby from its inputs, and the admission check refuses it"]
 fn commands_of_owner_and_fallback_that_are_late_together_are_verified() {
-    // No controller answers within a tick of 250 us.
-    let flown = fly(&[
-        "figure8-morph",
-        "--for",
-        "2s",
-        "--clock",
-        "realtime",
-        "--rate",
-        "plant=4000",
-        "--set",
-        "latency.wrench_command_s=1e-6",
-        "--standby",
-        "attitude=attitude-mpc",
-    ]);
+    let standby = ["figure8-morph", "--for", "2s", "--standby", "attitude=attitude-mpc"];
+    let late = ["--in-process", "--timing", "attitude:step=3ms@1s..1.5s"];
+    let flown = fly(&[&standby[..], &late].concat());
     assert_eq!(flown.code, Some(0), "{}", flown.said());
     verified(&flown, &[]);
-    assert!(late_together(&flown) > 0, "{}", flown.said());
+    // Each of fifty steps.
+    assert_eq!(late_together(&flown), 50, "{}", flown.said());
 }
 
 #[test]

@@ -242,22 +242,6 @@ fn end(mut running: Running) {
     assert_eq!(running.wait().code, Some(130));
 }
 
-/// Only in realtime can one be late.
-#[test]
-#[ignore = "soak: on a busy machine the owner is late as well, beside which no candidate can be judged"]
-fn a_candidate_that_misses_its_deadlines_is_refused_in_realtime() {
-    let folder = TempDir::new().expect("a folder");
-    let rogue = rogue();
-    let running =
-        Running::start_and_fly(&["hover", "--clock", "realtime", "--speed", "0.5", "--for", "60s"]);
-    let config = config(&folder, "late", 0.0, 0.05);
-    let order = ["swap", "attitude", "--to", rogue, "--config", &config, "--shadow", "1s"];
-    let said = say(&[&order[..], &["--run", running.id()]].concat());
-    assert_eq!(said.code, Some(1), "{}", said.words);
-    assert!(said.words.contains("deadlines"), "{}", said.words);
-    end(running);
-}
-
 #[test]
 fn a_stranger_that_forges_commands_states_and_records_changes_no_bit_and_is_named() {
     // The estimator that is started again goes on from the last state that it has published itself.

@@ -154,6 +154,43 @@ fn a_scripted_stop_explains_the_safe_mode_episode_that_it_causes() {
     }
 }
 
+const SWAP: [&str; 2] = ["--swap", "attitude=attitude-pid@1s,shadow=300ms,rollback=400ms"];
+
+#[test]
+fn a_swap_is_that_of_the_lockstep_flight_while_loops_that_take_time_are_on_time() {
+    let flags = [&["figure8-morph", "--for", "3s", "--no-record"][..], &SWAP].concat();
+    let plain = fly(&[&flags[..], &["--in-process"]].concat());
+    for script in ["attitude:step=0s", "attitude:step=2ms", "position:step=9ms"] {
+        let flown = timed(&flags, &[script]);
+        assert_eq!((flown.hash(), flown.code), (plain.hash(), Some(0)), "{script}");
+        assert_eq!(flown.summary()["swaps"], plain.summary()["swaps"], "{script}");
+    }
+}
+
+/// Its steps of 12 ms fall behind by 2 ms each, which makes a release of 10 ms in five steps, and the admission check allows
+/// none.
+#[test]
+fn a_candidate_that_misses_its_deadlines_is_refused() {
+    let flags = [&["figure8-morph", "--for", "3s"][..], &SWAP].concat();
+    let flown = timed(&flags, &["attitude-pid:step=12ms"]);
+    let outcome = flown.summary()["swaps"][0].to_string();
+    assert!(outcome.contains("it missed 3 deadlines, the first at 1.100000 s"), "{outcome}");
+    assert_eq!((flown.code, flown.verdict()), (Some(5), "PASSED"), "{}", flown.said());
+    assert!(identical(&flown.recording_path()));
+}
+
+/// The actuation guard takes the old owner, which stays warm for 400 ms, before it has to hold or level.
+#[test]
+fn an_owner_that_is_stopped_after_its_swap_is_followed_without_a_safe_mode_episode() {
+    for stop in ["attitude-pid:stopped@1.35s..1.5s", "attitude-pid:stopped@1.6s..1.69s"] {
+        let flown = timed(&[&["figure8-morph", "--for", "3s"][..], &SWAP].concat(), &[stop]);
+        assert_eq!(count(&flown, "safe_mode_episodes"), 0, "{stop}: {}", flown.said());
+        assert_eq!((flown.code, flown.verdict()), (Some(5), "PASSED"), "{stop}: {}", flown.said());
+        assert!(flown.stderr.contains("attitude-mpc@0 takes over"), "{stop}: {}", flown.said());
+        assert!(identical(&flown.recording_path()), "{stop}");
+    }
+}
+
 /// One script by chance.
 fn by_chance(rng: &mut ChaCha8Rng) -> String {
     let mut below = |n: u32| rng.next_u32() % n;
@@ -183,7 +220,8 @@ fn every_script_flies_to_the_same_bits_accounts_for_its_releases_and_is_verified
         let entries = 1 + rng.next_u32() % 5;
         let scripts: Vec<String> = (0..entries).map(|_| by_chance(&mut rng)).collect();
         let scripts: Vec<&str> = scripts.iter().map(String::as_str).collect();
-        let flags = ["figure8-morph", "--for", "2s"];
+        let swap = if seed % 2 == 0 { &[][..] } else { &SWAP };
+        let flags = [&["figure8-morph", "--for", "2s"], swap].concat();
         let flown = timed(&flags, &scripts);
         assert_eq!(flown.hash(), timed(&flags, &scripts).hash(), "{seed}: {scripts:?}");
         assert_eq!(
@@ -192,6 +230,9 @@ fn every_script_flies_to_the_same_bits_accounts_for_its_releases_and_is_verified
             "{seed}: {scripts:?}"
         );
         assert!(identical(&flown.recording_path()), "{seed}: {scripts:?}");
+        if !swap.is_empty() {
+            continue;
+        }
         // Each release was run or left out.
         let totals = flown.recording().series("loop_stats", &["role", "steps", "skipped"]);
         for (role, releases) in [(0.0_f64, 2000), (1.0, 2000), (2.0, 100), (3.0, 200)] {
@@ -230,9 +271,14 @@ fn what_cannot_be_timed_is_refused_with_a_remedy() {
         (&["--timing", "attitude:step=3ms..1ms"], "the first is longer", "shorter time first"),
         (&["--timing", "attitude:step=1ms", "--clock", "realtime"], "the wall clock", "lockstep"),
         (
-            &["--timing", "attitude:step=1ms", "--fault", "kill:attitude-mpc@1s"],
-            "not flown with timing",
-            "leave",
+            &["--timing", "attitude-pid:step=1ms"],
+            "does not fly in this flight",
+            "name attitude-mpc, or attitude for any",
+        ),
+        (
+            &["--timing", "attitude:step=1ms", "--swap", "attitude=/bin/true@1s"],
+            "/bin/true is a process",
+            "leave either",
         ),
         (
             &[

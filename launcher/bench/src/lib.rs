@@ -18,6 +18,7 @@ pub mod place;
 pub mod rate;
 pub mod report;
 pub mod series;
+pub mod timing;
 
 use figures::figure::us;
 use figures::results::ResultsError;

@@ -38,7 +38,7 @@ pub use running::{
 };
 pub(super) use study::{
     MorphingArguments, RandomArguments, StabilityArguments, StudyCommand, StudyOutput,
-    TuningArguments,
+    TimingArguments, TuningArguments,
 };
 pub use trace::TraceArguments;
 pub use view::ViewArguments;

@@ -3,7 +3,7 @@
 use super::bar::bar;
 use super::options::{
     Format, MorphingArguments, RandomArguments, StabilityArguments, StudyCommand, StudyOutput,
-    TuningArguments,
+    TimingArguments, TuningArguments,
 };
 use super::refusal::Done;
 use attitude_mpc::AttitudeLawConfig;
@@ -16,6 +16,7 @@ use studies::controllers::{self, ControllersError};
 use studies::morphing::{self, MorphingError};
 use studies::random::{self, RandomError};
 use studies::stability::{self, Bench, Grid, StabilityError};
+use studies::timing::{self, TimingError};
 use studies::tuning;
 use studies::worst_case::{self, WorstCaseError};
 use thiserror::Error;
@@ -27,6 +28,10 @@ const SEEDS: [u64; 2] = [20, 3];
 const QUICK_SEEDS: usize = 15;
 /// Candidates of a quick tuning, at most.
 const QUICK_CANDIDATES: u64 = 3;
+/// Times of a sweep, and halvings towards a limit.
+const TIMES: [u16; 2] = [25, 8];
+/// The same of a quick study.
+const QUICK_TIMES: [u16; 2] = [7, 3];
 /// Weight of the paper's reproduction, whose limits are told beside those of flight.
 const PAPER_WEIGHT: f64 = 0.25;
 
@@ -51,6 +56,11 @@ enum StudyError {
     ))]
     Random(RandomError),
     #[error(transparent)]
+    #[diagnostic(help(
+        "fly a scenario of controllers that are tested at their rates, without [[timing]]"
+    ))]
+    Timing(TimingError),
+    #[error(transparent)]
     #[diagnostic(help("give a --rate from 50 to 1000 Hz and an --angle from 45 to 160 degrees"))]
     Stability(#[from] StabilityError),
     #[error(transparent)]
@@ -67,12 +77,23 @@ impl From<RandomError> for StudyError {
     }
 }
 
+impl From<TimingError> for StudyError {
+    fn from(error: TimingError) -> Self {
+        match error {
+            TimingError::Scenario(error) => Self::Scenario(error),
+            error => Self::Timing(error),
+        }
+    }
+}
+
 impl StudyError {
     fn exit_code(&self) -> u8 {
         match self {
             Self::Results(_) => exit::UNFIT,
             Self::Controllers(_) | Self::Morphing(_) | Self::Random(_) => exit::CRASHED,
-            Self::Scenario(_) | Self::Stability(_) | Self::WorstCase(_) => exit::USAGE,
+            Self::Scenario(_) | Self::Timing(_) | Self::Stability(_) | Self::WorstCase(_) => {
+                exit::USAGE
+            }
         }
     }
 }
@@ -84,6 +105,7 @@ pub(super) fn run(command: &StudyCommand, out: &mut dyn Write) -> Done {
         StudyCommand::Morphing(arguments) => fly_morphing(arguments),
         StudyCommand::Random(arguments) => fly_random(arguments),
         StudyCommand::Stability(arguments) => map_stability(arguments),
+        StudyCommand::Timing(arguments) => make_late(arguments),
         StudyCommand::Tuning(arguments) => tune(arguments),
         StudyCommand::WorstCase(arguments) => certify(arguments),
     };
@@ -146,16 +168,11 @@ fn fly_morphing(arguments: &MorphingArguments) -> Result<(String, u8), StudyErro
 
 fn fly_random(arguments: &RandomArguments) -> Result<(String, u8), StudyError> {
     let RandomArguments { out, seeds, controller, set } = arguments;
-    let assigned = controller.iter().map(|words| Override::controller(words));
-    let set_to = set.iter().map(|words| Override::set(words));
-    let overrides = assigned.chain(set_to).collect::<Result<_, _>>()?;
-    let flag = |name: &str, words: &String| format!("--{name} {}", shell_word(words));
-    let assigned = controller.iter().map(|words| flag("controller", words));
-    let flags: Vec<String> = assigned.chain(set.iter().map(|words| flag("set", words))).collect();
+    let (overrides, flags) = shared(controller, set)?;
     let mut folder = ResultsFolder::create(&out.out)?;
     let flown = if out.quick { QUICK_SEEDS } else { usize::MAX };
     let seeds: Vec<u64> = seeds.iter().copied().take(flown).collect();
-    let plan = random::Plan { seeds, overrides, flags: flags.join(" ") };
+    let plan = random::Plan { seeds, overrides, flags };
     let bar = bar(plan.flights(), "flights");
     let study = random::fly(&plan, &|| bar.inc(1))?;
     bar.finish_and_clear();
@@ -173,6 +190,40 @@ fn fly_random(arguments: &RandomArguments) -> Result<(String, u8), StudyError> {
         ),
     };
     Ok((text, code))
+}
+
+/// What all flights of a study share, as changes of the scenario and as flags.
+fn shared(controller: &[String], set: &[String]) -> Result<(Vec<Override>, String), ScenarioError> {
+    let assigned = controller.iter().map(|words| Override::controller(words));
+    let set_to = set.iter().map(|words| Override::set(words));
+    let overrides = assigned.chain(set_to).collect::<Result<_, _>>()?;
+    let flag = |name: &str, words: &String| format!("--{name} {}", shell_word(words));
+    let assigned = controller.iter().map(|words| flag("controller", words));
+    let flags: Vec<String> = assigned.chain(set.iter().map(|words| flag("set", words))).collect();
+    Ok((overrides, flags.join(" ")))
+}
+
+fn make_late(arguments: &TimingArguments) -> Result<(String, u8), StudyError> {
+    let TimingArguments { scenario, out, controller, set } = arguments;
+    let (overrides, flags) = shared(controller, set)?;
+    let mut folder = ResultsFolder::create(&out.out)?;
+    let [points, halvings] = if out.quick { QUICK_TIMES } else { TIMES };
+    let plan = timing::Plan { scenario: scenario.clone(), overrides, flags, points, halvings };
+    let bar = bar(plan.flights(), "flights");
+    let study = timing::fly(&plan, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    timing::report::write(&study, &mut folder)?;
+    let text = match out.format {
+        Format::Json => timing::report::to_json(&study).to_string(),
+        Format::Text => format!(
+            "{scenario}, one loop at a time: up to which time nothing is missed, the flight passes, the vehicle is not \
+             lost\n\n{}\n{}{}",
+            timing::report::table(&study),
+            timing::report::prediction(&study),
+            files(&folder),
+        ),
+    };
+    Ok((text, exit::PASS))
 }
 
 fn tune(arguments: &TuningArguments) -> Result<(String, u8), StudyError> {

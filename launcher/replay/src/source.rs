@@ -135,6 +135,12 @@ impl Exceptions {
         before.is_some_and(|(_, last)| sequence <= *last)
     }
 
+    /// True if the sample came after the step at an instant, or never \[ns\].
+    fn came_after(&self, writer: Writer, header: &Header, at_ns: u64) -> bool {
+        let late = self.arrival_ns(writer, header.sequence).is_some_and(|step_ns| step_ns > at_ns);
+        late || self.is_lost(writer, *header)
+    }
+
     /// Step at which a late sample arrived \[ns\].
     fn arrival_ns(&self, writer: Writer, sequence: u64) -> Option<u64> {
         let before = self.late.range((writer, 0)..=(writer, sequence)).next_back();
@@ -191,7 +197,12 @@ impl<T: Sample> TapeSource<T> {
             let next = match arrival.at_ns {
                 _ if !exceptions.is_heard(writer, &arrival, topic) => samples.len(),
                 Some(at_ns) if arrival.blank => {
-                    let before = samples.partition_point(|s| s.header().release_ns < at_ns);
+                    let mut before = samples.partition_point(|s| s.header().release_ns < at_ns);
+                    // Of a writer that was late then, what it had kept ends earlier.
+                    let is_to_come = |s: &T| exceptions.came_after(writer, s.header(), at_ns);
+                    while before.checked_sub(1).is_some_and(|last| is_to_come(&samples[last])) {
+                        before -= 1;
+                    }
                     before.saturating_sub(topic.history)
                 }
                 _ => 0,
@@ -351,6 +362,37 @@ mod tests {
         assert_eq!(heard(&[began(1, 0)]), [(1, 1), (1, 2)]);
         assert_eq!(heard(&[began(0, 0), began(1, 2)]), [(0, 1), (0, 2), (1, 2)]);
         assert_eq!(heard(&[began(0, 2)]), [(0, 2)]);
+    }
+
+    #[test]
+    fn a_writer_that_was_late_when_the_process_joined_had_kept_what_it_had_said_by_then() {
+        let topic = &topics::IMU.info;
+        let history = topic.history as u64;
+        let of = |release_ms: u64| {
+            let mut sample = imu(release_ms);
+            sample.header.release_ns = release_ms * MS;
+            sample
+        };
+        let samples: Vec<_> = (1..=4 * history).map(of).collect();
+        // It joins at 3 histories, when the last two of them had not been published, and has the newest half late.
+        let join_ms = 3 * history + 1;
+        let told = [
+            deviation(DeviationKind::Began, join_ms, 0, 0),
+            deviation(DeviationKind::LostSamples, join_ms + 1, history + 1, 2 * history),
+            deviation(DeviationKind::LateSamples, join_ms + 1, 2 * history + 1, 3 * history),
+        ];
+        let now_ns = Rc::new(Cell::new(join_ms * MS));
+        let mut source = TapeSource::new(
+            &samples,
+            topic,
+            Edge::unwaited(topic, Role::Estimator),
+            Exceptions::of(topic, told.iter()),
+            Arrival { at_ns: Some(join_ms * MS), blank: true, in_flight: true, in_order: false },
+            now_ns,
+        );
+        let heard: Vec<u64> =
+            core::iter::from_fn(|| source.receive()).map(|s| s.header.sequence).collect();
+        assert_eq!(heard, (1..=history).collect::<Vec<_>>());
     }
 
     #[test]

@@ -43,6 +43,12 @@ impl Settings {
         !(slots && self.order.is_empty())
     }
 
+    /// Names and paths of those who join the flight.
+    pub(super) fn candidates(&self) -> impl Iterator<Item = &str> {
+        let swaps = self.swap.iter().map(|swap| swap.to.as_str());
+        swaps.chain(self.standby.iter().map(|standby| standby.name.as_str()))
+    }
+
     /// True if no state tells all of what the flight goes through: it is taken up in the middle by flying it from the start.
     #[must_use]
     pub fn is_more_than_states(&self) -> bool {

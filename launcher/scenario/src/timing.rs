@@ -1,10 +1,11 @@
 //! `[[timing]]`: what happens to the time of loops and samples, as [`timing::Script`] has it.
 
+use super::document::Edit;
 use super::overrides::{refusal, seconds};
 use super::problem::{Complaint, ScenarioError};
 use super::settings::{Clock, Settings};
-use super::{Override, Scenario, suggest};
-use crate::services::Loop;
+use super::{Override, Scenario, suggest, text};
+use crate::services::{Assignment, Loop};
 use ::timing::{Duration, LoopEffect, LoopEntry, SampleEffect, SampleEntry, Script, Window};
 use garde::Validate;
 use runtime::Graph;
@@ -15,6 +16,7 @@ use serde::de::{Deserializer, Error, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use shared_types::time::ns_from_s;
 use shared_types::{TopicInfo, topics};
+use std::path::Path;
 
 /// Longest time that anything can take \[s\].
 const MAX_S: f64 = 3600.0;
@@ -204,13 +206,15 @@ fn refuse<T>(
 }
 
 impl TimingSettings {
-    /// The entry, in a flight of these loops that ends at `end_ns` \[ns\].
-    fn entry(&self, graph: &Graph, end_ns: u64) -> Result<Entry, Refusal> {
+    /// The entry, in a flight of these settings and loops.
+    fn entry(&self, settings: &Settings, graph: &Graph) -> Result<Entry, Refusal> {
         let effect = self.effect()?;
         match (&self.of_loop, &self.topic, effect) {
-            (Some(name), None, Effect::Loop(effect)) => self.of_a_loop(name, effect, graph, end_ns),
+            (Some(name), None, Effect::Loop(effect)) => {
+                self.of_a_loop(name, effect, settings, graph)
+            }
             (None, Some(name), Effect::Samples(effect)) => {
-                self.of_a_topic(name, effect, graph, end_ns)
+                self.of_a_topic(name, effect, settings, graph)
             }
             (Some(_), None, Effect::Samples(_)) => refuse(
                 "loop",
@@ -266,16 +270,24 @@ impl TimingSettings {
         &self,
         name: &str,
         effect: LoopEffect,
+        settings: &Settings,
         graph: &Graph,
-        end_ns: u64,
     ) -> Result<Entry, Refusal> {
         let flown = || graph.nodes().iter().filter_map(|node| Loop::of(node.role));
-        let Some(role) =
-            Loop::named(name).map(Loop::role).filter(|role| graph.node(*role).is_some())
+        let Some(known) = Loop::named(name).filter(|known| graph.node(known.role()).is_some())
         else {
             let remedy = suggest::remedy(name, flown().map(|known| known.name));
             return refuse("loop", format!("no loop of this flight is called `{name}`"), remedy);
         };
+        let role = known.role();
+        // By the name of its role it is about any service that fills that.
+        let own = Some(known.name).filter(|_| name.replace('_', "-") != role.label());
+        let assignment = Assignment::of(settings);
+        let usual = assignment.name(role).unwrap_or(role.label());
+        if own.is_some_and(|own| own != usual && settings.candidates().all(|name| name != own)) {
+            let what = format!("{name} does not fly in this flight");
+            return refuse("loop", what, format!("name {usual}, or {} for any", role.label()));
+        }
         if effect == LoopEffect::WakeMissed && is_timed(graph, role) {
             let what = format!("{name} goes by its own clock: no input wakes it");
             return refuse("wake_missed", what, "leave the entry away, or let it start late");
@@ -283,15 +295,15 @@ impl TimingSettings {
         if self.at_s.is_some() {
             return refuse("at_s", "is about one sample of a topic", "write from_s and to_s");
         }
-        Ok(Entry::Loop(LoopEntry { role, window: self.window(end_ns)?, effect }))
+        Ok(Entry::Loop(LoopEntry { role, name: own, window: self.window(settings)?, effect }))
     }
 
     fn of_a_topic(
         &self,
         name: &str,
         effect: SampleEffect,
+        settings: &Settings,
         graph: &Graph,
-        end_ns: u64,
     ) -> Result<Entry, Refusal> {
         let flows = |topic: &&'static TopicInfo| {
             graph.edges().iter().any(|edge| edge.topic.name == topic.name)
@@ -306,7 +318,7 @@ impl TimingSettings {
                 remedy,
             );
         };
-        let mut window = self.window(end_ns)?;
+        let mut window = self.window(settings)?;
         if let Some(at_s) = self.at_s {
             if self.from_s.or(self.to_s).is_some() {
                 return refuse("at_s", "stands beside from_s or to_s", "write one of the two");
@@ -319,13 +331,13 @@ impl TimingSettings {
         Ok(Entry::Samples(SampleEntry { topic: topic.name, window, effect }))
     }
 
-    fn window(&self, end_ns: u64) -> Result<Window, Refusal> {
+    fn window(&self, settings: &Settings) -> Result<Window, Refusal> {
         let from_ns = ns_from_s(self.from_s.unwrap_or(0.0));
         let until_ns = self.to_s.map_or(u64::MAX, ns_from_s);
         if from_ns >= until_ns {
             return refuse("to_s", "is not after from_s", "give a later time");
         }
-        if from_ns.max(self.at_s.map_or(0, ns_from_s)) >= end_ns {
+        if from_ns.max(self.at_s.map_or(0, ns_from_s)) >= ns_from_s(settings.scenario.duration_s) {
             let key = if self.at_s.is_some() { "at_s" } else { "from_s" };
             return refuse(key, "is past the end of the flight", "give an earlier time");
         }
@@ -346,13 +358,12 @@ pub(super) fn check(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
         let what = "the wall clock takes the time that it takes";
         refuse("timing", what, "fly it with clock = \"lockstep\", or without timing");
     }
-    if settings.is_scripted() {
-        let what = "swaps, standbys, faults and orders are not flown with timing yet";
-        refuse("timing", what, "leave either of the two away");
+    if let Some(path) = settings.candidates().find(|name| name.contains('/')) {
+        let what = format!("{path} is a process, which takes its own time");
+        refuse("timing", &what, "swap to a service of morphquad, or leave either of the two away");
     }
-    let end_ns = ns_from_s(settings.scenario.duration_s);
     for (index, entry) in settings.timing.iter().enumerate() {
-        if let Err((key, what, remedy)) = entry.entry(graph, end_ns) {
+        if let Err((key, what, remedy)) = entry.entry(settings, graph) {
             let dot = if key.is_empty() { "" } else { "." };
             complaints.push((format!("timing[{index}]{dot}{key}"), what, remedy));
         }
@@ -368,7 +379,7 @@ impl Scenario {
         let graph = self.graph().ok().filter(|_| !settings.timing.is_empty())?;
         let (mut loops, mut samples) = (Vec::new(), Vec::new());
         for entry in &settings.timing {
-            match entry.entry(&graph, self.duration_ns()) {
+            match entry.entry(settings, &graph) {
                 Ok(Entry::Loop(entry)) => loops.push(entry),
                 Ok(Entry::Samples(entry)) => samples.push(entry),
                 // The scenario would not have been loaded.
@@ -389,15 +400,19 @@ impl Scenario {
 
 const TIMING_FORM: &str = "write --timing NAME:KIND=TIME@FROM..TO, for example --timing attitude:step=12ms@2s..3s or \
     --timing imu:late=1ms..3ms; KIND is start-late or step with a TIME, stopped or wake-missed for a loop, and late with \
-    a TIME, lost or duplicated for a topic";
+    a TIME, lost or duplicated for a topic; or write --timing FILE with [[timing]] in it";
 
 impl Override {
-    /// `--timing NAME:KIND[=TIME][@FROM..TO]`, where NAME is a loop or a topic and TIME may be `LEAST..MOST`.
+    /// `--timing NAME:KIND[=TIME][@FROM..TO]`, where NAME is a loop or a topic and TIME may be `LEAST..MOST`; or a file
+    /// with `[[timing]]` in it.
     ///
     /// # Errors
-    /// Not of this form.
+    /// Not of this form, and no file that can be read.
     pub fn timing(argument: &str) -> Result<Self, ScenarioError> {
         let shown = format!("--timing {argument}");
+        if !argument.contains(':') || Path::new(argument).is_file() {
+            return of_file(&shown, argument);
+        }
         let entry = entry_of(argument);
         entry.map_or_else(
             || {
@@ -410,6 +425,20 @@ impl Override {
             },
             |entry| Ok(Self::entry(shown.clone(), "timing", &entry)),
         )
+    }
+}
+
+/// All entries of a file, which has nothing else.
+fn of_file(shown: &str, path: &str) -> Result<Override, ScenarioError> {
+    let refuse = |what: &str| refusal("--timing", shown, what, TIMING_FORM);
+    let text = text::read(path).map_err(|_| refuse("is no entry, and no file that can be read"))?;
+    let table: toml::Table = text.parse().map_err(|_| refuse("is a file that is not TOML"))?;
+    match (table.get("timing"), table.len()) {
+        (Some(entries @ toml::Value::Array(_)), 1) => {
+            let (key, value) = ("timing".to_owned(), entries.to_string());
+            Ok(Override(Edit { added: true, ..Edit::set(shown.to_owned(), key, value) }))
+        }
+        _ => Err(refuse("is a file with something else in it than [[timing]]")),
     }
 }
 

@@ -42,6 +42,9 @@ pub struct Steps {
     pub wait: Series,
     /// From the start to publication.
     pub compute: Series,
+    /// From what began the step to its start: the release for a loop of its own clock, else that or the publication of its
+    /// newest input, whichever was later.
+    pub begin: Series,
     /// Step by step.
     pub moments: Vec<Moment>,
 }
@@ -67,6 +70,9 @@ impl Steps {
             if window.is_warm(stamp.release_ns) == warm {
                 steps.take(stamp, before, rate);
                 steps.take_input(stamp, before, &inputs);
+                if let Some(begun_ns) = begun_ns(stamp, role, &inputs) {
+                    steps.begin.record(stamp.start_mono_ns.saturating_sub(begun_ns));
+                }
                 if role != Role::Plant
                     && let Some(imu) = find(&imu, stamp.cause_sequence)
                 {
@@ -142,6 +148,15 @@ impl Steps {
             _ => return None,
         })
     }
+}
+
+/// When a step had what begins it \[ns\]; nothing is known of one without its input.
+fn begun_ns(stamp: &Stamp, role: Role, inputs: &[Stamp]) -> Option<u64> {
+    if !matches!(role, Role::Estimator | Role::Position | Role::Attitude) {
+        return Some(stamp.release_mono_ns);
+    }
+    let input = find(inputs, stamp.input_sequence)?;
+    Some(input.publish_mono_ns.max(stamp.release_mono_ns))
 }
 
 /// Topic of the first input of a role's services.
@@ -254,6 +269,8 @@ mod tests {
         assert_eq!(only(&steps.hop), [(20, 1)]);
         assert_eq!(only(&steps.wait), [(5, 1)]);
         assert_eq!(only(&steps.age), [(25, 1)]);
+        // From the publication of the sample, and from the release after it.
+        assert_eq!(only(&steps.begin), [(1, 1), (25, 1)]);
         assert_eq!(steps.figure("compute").map(Series::len), Some(2));
     }
 

@@ -5,7 +5,7 @@ use crate::options::{LoopsArguments, TableFormat};
 use bench::gate::{self, Comparison, Gate};
 use bench::loops::{self, LoopsPlan, Measured};
 use bench::place::Place;
-use bench::{BenchError, page, pictures};
+use bench::{BenchError, page, pictures, timing};
 use figures::results::ResultsFolder;
 use host::exit;
 use scenario::{Override, Scenario};
@@ -81,6 +81,9 @@ fn write_files(measured: &Measured, arguments: &LoopsArguments) -> Result<(), Be
     if let Some(path) = &arguments.save {
         let text = serde_json::to_string_pretty(&measured.report).unwrap_or_default();
         write("--save FILE", path, &format!("{text}\n"))?;
+    }
+    if let Some(path) = &arguments.out {
+        write("--out FILE", path, &timing::entries(&measured.steps))?;
     }
     if let Some(path) = &arguments.html {
         write("--html FILE", path, &page::page(measured))?;

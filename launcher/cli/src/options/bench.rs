@@ -13,6 +13,7 @@ pub(super) const EXAMPLES: &str = "Examples:
   morphquad bench loops figure8-morph --rate attitude=500 --for 60s --policy fifo --html bench.html
   morphquad bench loops figure8-morph --rate attitude=500 --asap
   morphquad bench loops --save before.json
+  morphquad bench loops --out machine.toml && morphquad run --in-process --timing machine.toml
   morphquad bench loops --compare before.json --gate p99:+10% --gate lateness.p99:1.2x --gate held
   morphquad bench rate --loop attitude-mpc --for 10s
   morphquad bench hop --for 5s
@@ -138,6 +139,9 @@ pub struct LoopsArguments {
     /// File for the result, to compare with later
     #[arg(long, value_name = "FILE")]
     pub save: Option<PathBuf>,
+    /// File for what the machine did to the time of each loop, for `run --timing FILE`
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
     /// An earlier result, of the same machine, version, scenario, rates and policy
     #[arg(long, value_name = "FILE")]
     pub compare: Option<PathBuf>,

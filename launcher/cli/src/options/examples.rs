@@ -60,6 +60,16 @@ Examples:
 Tells how many flights stay how near to their path, and names the worst with the commands that fly them again. \
 launcher/docs/random-flights.md has what is drawn. Ends with 1 if a vehicle was lost.";
 
+pub(super) const TIMING: &str = "\
+Examples:
+  morphquad study timing
+  morphquad study timing hover --set attitude_mpc.rate_hz=200 --out study-200
+  morphquad study timing --controller attitude=attitude-pid --quick
+
+One loop at a time, in simulated time: how long its steps may take, and by how much at most it may begin late, before \
+anything is missed, the flight does not pass, or the vehicle is lost. launcher/docs/timing.md has what a script of \
+times can say.";
+
 pub(super) const TUNING: &str = "\
 Examples:
   morphquad study tuning

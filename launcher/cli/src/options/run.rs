@@ -51,8 +51,8 @@ pub struct ScenarioArguments {
     /// Kill or stop a process at a time, for example `kill:estimator@4.2s`
     #[arg(long, value_name = "kill|stop:NAME@TIME")]
     pub fault: Vec<String>,
-    /// What a loop or topic does to time, for example `attitude:step=12ms@2s..3s`; lockstep, with `--in-process`
-    #[arg(long, value_name = "NAME:KIND[=TIME][@FROM..TO]")]
+    /// What a loop or topic does to time, for example `attitude:step=12ms@2s..3s`; with `--in-process`
+    #[arg(long, value_name = "NAME:KIND[=TIME][@FROM..TO]|FILE")]
     pub timing: Vec<String>,
     /// Realtime: refuse to fly unless the system grants priority, locked memory and processors
     #[arg(long)]

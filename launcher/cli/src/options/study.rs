@@ -1,6 +1,8 @@
 //! Arguments of `study`.
 
+use super::scenario_name::ScenarioOr;
 use super::{Format, examples};
+use clap::builder::StringValueParser;
 use clap::{Args, Subcommand};
 use experiments::campaign::values;
 use scenario::TESTED_RATES_HZ;
@@ -21,6 +23,9 @@ pub(crate) enum StudyCommand {
     /// Map where the attitude loop is stable: rotor lag, inertia and delay over its weight
     #[command(after_help = examples::STABILITY)]
     Stability(StabilityArguments),
+    /// Make loops late and tell how long the steps of each may take, and how late it may begin
+    #[command(after_help = examples::TIMING)]
+    Timing(TimingArguments),
     /// Draw sets of numbers for the position MPC and give the Pareto front of closeness and robustness
     #[command(after_help = examples::TUNING)]
     Tuning(TuningArguments),
@@ -65,6 +70,23 @@ pub(crate) struct RandomArguments {
     #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
     pub(crate) controller: Vec<String>,
     /// Any key of the scenario in all of them, for example `pilot.period_s=6`
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<String>,
+}
+
+/// The flight whose loops are made late.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct TimingArguments {
+    /// Name of a shipped scenario, or path of a file
+    #[arg(default_value = "figure8-morph", hide_possible_values = true)]
+    #[arg(value_parser = ScenarioOr(StringValueParser::new()))]
+    pub(crate) scenario: String,
+    #[command(flatten)]
+    pub(crate) out: StudyOutput,
+    /// Who fills a slot in all flights, for example `position=position-pid`
+    #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
+    pub(crate) controller: Vec<String>,
+    /// Any key of the scenario in all flights, for example `attitude_mpc.rate_hz=200`
     #[arg(long, value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
 }

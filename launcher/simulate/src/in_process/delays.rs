@@ -3,7 +3,7 @@
 use core::cell::{Cell, RefCell};
 use runtime::graph::Edge;
 use runtime::{MarkView, Source};
-use shared_types::{Role, Sample};
+use shared_types::{Role, Sample, Seat};
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 use timing::{Arrival, Script};
@@ -23,7 +23,7 @@ pub(super) struct Delays {
     script: Rc<Script>,
     now_mono_ns: Cell<u64>,
     /// By reader and topic.
-    on_the_way: RefCell<BTreeMap<(Role, &'static str), OnTheWay>>,
+    on_the_way: RefCell<BTreeMap<(Seat, &'static str), OnTheWay>>,
 }
 
 impl Delays {
@@ -37,16 +37,16 @@ impl Delays {
     }
 
     /// When the next sample arrives that a loop has not received \[ns\].
-    pub(super) fn next_arrival_mono_ns(&self, role: Role) -> Option<u64> {
+    pub(super) fn next_arrival_mono_ns(&self, reader: Seat) -> Option<u64> {
         let on_the_way = self.on_the_way.borrow();
-        let of_role = on_the_way.iter().filter(|((reader, _), _)| *reader == role);
-        of_role.map(|(_, samples)| samples.arrives_mono_ns).min()
+        let of_reader = on_the_way.iter().filter(|((seat, _), _)| *seat == reader);
+        of_reader.map(|(_, samples)| samples.arrives_mono_ns).min()
     }
 
     /// What `inner` gives, as it arrives at a loop.
     pub(super) fn delay<T: Sample>(
         self: &Rc<Self>,
-        (reader, topic): (Role, &'static str),
+        (reader, topic): (Seat, &'static str),
         inner: impl Source<T> + 'static,
     ) -> Box<dyn Source<T>> {
         if self.script.samples().iter().any(|entry| entry.topic == topic) {
@@ -62,7 +62,7 @@ impl Delays {
 struct DelayedSource<T, S> {
     inner: S,
     delays: Rc<Delays>,
-    reader: Role,
+    reader: Seat,
     topic: &'static str,
     /// By arrival \[ns\].
     held: VecDeque<(u64, T)>,
@@ -107,7 +107,7 @@ impl<T: Sample, S: Source<T>> Source<T> for DelayedSource<T, S> {
 pub(super) struct DelayedMarks<'a, M> {
     pub(super) marks: &'a M,
     pub(super) delays: &'a Delays,
-    pub(super) reader: Role,
+    pub(super) reader: Seat,
 }
 
 impl<M: MarkView> MarkView for DelayedMarks<'_, M> {

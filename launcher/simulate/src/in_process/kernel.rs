@@ -66,7 +66,7 @@ impl Kernel {
         if timing.is_some() && from.is_some() {
             return Err(InProcessError::TimingResumed);
         }
-        let mut timed = timing.map(|script| Box::new(TimedClock::new(script, taps.others())));
+        let timed = timing.map(|script| Box::new(TimedClock::new(script, taps.others())));
         let delays = timed.as_ref().map(|timed| Rc::clone(&timed.delays));
         let mut wires = Wires::new(taps, watch.clone(), delays);
         let mut loops = Vec::new();
@@ -80,7 +80,8 @@ impl Kernel {
                     InProcessError::Component { role: role.label(), error: error.to_string() }
                 })?,
             };
-            let connect = Connect { graph: &graph, node, place, generation, wires, from };
+            let name = assignment.name(node.role).unwrap_or(node.role.label());
+            let connect = Connect { graph: &graph, node, place, generation, name, wires, from };
             loops.push(connect.connect(component)?);
         }
         for slot in Slot::ALL {
@@ -95,9 +96,6 @@ impl Kernel {
             marks = FlightMarks::Seats(Box::default());
             let host = InProcessHost::new(scenario, wires, watch, outside);
             director = Some(Box::new(Director::new(host, &graph, &loops)?));
-        }
-        if let Some(timed) = &mut timed {
-            timed.begin(&graph, &mut loops);
         }
         Ok(Self {
             timed,
@@ -125,14 +123,8 @@ impl Kernel {
     pub fn fly_until(&mut self, t_ns: u64) -> Result<(), InProcessError> {
         // What a panic leaves behind is looked at, and never stepped again.
         let flown = catch_unwind(AssertUnwindSafe(|| {
-            let Self { graph, loops, marks, end_ns, stepping, timed, .. } = self;
-            if let Some(timed) = timed {
-                let end_ns = *end_ns;
-                timed.fly_until(t_ns, &mut Flying { graph, loops, marks, end_ns, stepping });
-                return Ok(());
-            }
             loop {
-                while self.fly_interval(t_ns) {}
+                self.fly_allowed(t_ns);
                 if !self.direct(t_ns)? {
                     return Ok(());
                 }
@@ -158,6 +150,20 @@ impl Kernel {
             let t_s = l.stepper.next_ns() as f64 / 1e9;
             Err(InProcessError::Stuck { t_s, role: l.node.role.label() })
         })
+    }
+
+    /// Runs all that may run before `t_ns` without a change of hands.
+    fn fly_allowed(&mut self, t_ns: u64) {
+        let until_ns =
+            self.director.as_ref().map_or(t_ns, |director| director.allowed_ns.min(t_ns));
+        let Self { graph, loops, marks, end_ns, stepping, timed, director, .. } = self;
+        let (end_ns, keeps_states) = (*end_ns, director.is_some());
+        if let Some(timed) = timed {
+            let flying = &mut Flying { graph, loops, marks, end_ns, stepping, keeps_states };
+            timed.fly_until(until_ns, flying);
+        } else {
+            while self.fly_interval(t_ns) {}
+        }
     }
 
     /// Runs each loop as far as it may go now; false if none may.
@@ -193,7 +199,16 @@ impl Kernel {
         }
         let more = director.go_on(&self.graph, &mut self.loops, &mut self.marks, self.end_ns)?;
         // Time waits for a loop that has just been told to leave.
-        Ok(more || director.retire(&mut self.loops, &mut self.marks))
+        if more || director.retire(&mut self.loops, &mut self.marks) {
+            return Ok(true);
+        }
+        // One that takes time gets there only if time goes on.
+        let turn_ns = self.timed.as_ref().and_then(|timed| timed.next_turn_ns());
+        let Some(turn_ns) = turn_ns.filter(|_| director.allowed_ns < self.end_ns) else {
+            return Ok(false);
+        };
+        director.allowed_ns = turn_ns.max(director.allowed_ns).saturating_add(1).min(self.end_ns);
+        Ok(true)
     }
 
     fn allowed_ns(&self, t_ns: u64) -> u64 {

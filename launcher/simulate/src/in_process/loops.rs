@@ -12,6 +12,7 @@ use runtime::{Component, Executor, Graph, Node, Place};
 use shared_types::{Header, Role, Seat};
 use std::rc::Rc;
 use swap::PostEvent;
+use timing::Who;
 
 /// Shows states to the observer.
 struct StateTap {
@@ -35,6 +36,8 @@ pub(super) struct Connect<'a> {
     pub(super) node: Node,
     pub(super) place: Seat,
     pub(super) generation: u32,
+    /// Name of the service.
+    pub(super) name: &'a str,
     pub(super) wires: &'a mut Wires,
     pub(super) from: Option<&'a Checkpoint>,
 }
@@ -70,11 +73,13 @@ impl Connect<'_> {
             node,
             place: seat,
             generation,
+            name: self.name.to_owned(),
             period_ns: node.rate.period_ns(),
             waits: false,
             leave_ns: u64::MAX,
             stepper: Box::new(executor),
             course: Course::default(),
+            published: None,
         })
     }
 }
@@ -85,6 +90,8 @@ pub(super) struct Loop {
     /// Its seat, and how many have had that before.
     pub(super) place: Seat,
     pub(super) generation: u32,
+    /// Name of the service; of a process nothing needs it.
+    pub(super) name: String,
     pub(super) period_ns: u64,
     /// It has been started in flight and not been told where to begin, has been stopped, or has failed.
     pub(super) waits: bool,
@@ -93,6 +100,8 @@ pub(super) struct Loop {
     pub(super) stepper: Box<dyn Stepper>,
     /// What it goes through again; nothing in a flight of its own.
     pub(super) course: Course,
+    /// Its state before a step that has been computed and not published.
+    pub(super) published: Option<Vec<u8>>,
 }
 
 impl Loop {
@@ -104,13 +113,35 @@ impl Loop {
         let period_ns = process.period_ns();
         let (stepper, course) = (Box::new(process), Course::default());
         let (waits, leave_ns) = (true, u64::MAX);
-        Self { node, place, generation, period_ns, waits, leave_ns, stepper, course }
+        let (name, published) = (String::new(), None);
+        Self {
+            node,
+            place,
+            generation,
+            name,
+            period_ns,
+            waits,
+            leave_ns,
+            stepper,
+            course,
+            published,
+        }
     }
 
     /// How far it has got.
     pub(super) fn mark(&self) -> InstanceMark {
         let Self { place, generation, period_ns, .. } = *self;
         InstanceMark { place, generation, period_ns, mark_ns: self.stepper.next_ns() }
+    }
+
+    /// The state after its last published step, from which another may go on.
+    pub(super) fn state(&mut self) -> Option<Vec<u8>> {
+        self.published.clone().or_else(|| self.stepper.state())
+    }
+
+    /// Whom a script of times may name.
+    pub(super) fn who(&self) -> Who<'_> {
+        Who { role: self.place.role, name: &self.name }
     }
 
     pub(super) fn flies(&self) -> bool {

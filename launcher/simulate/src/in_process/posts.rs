@@ -159,7 +159,8 @@ impl InProcessHost {
         let scenario = own.as_ref().unwrap_or(&self.scenario);
         let built = components::build_service(Some(&spec.name), scenario);
         let component = built.map_err(|error| refused(error.to_string()))?;
-        Connect { graph, node, place, generation, wires, from: None }.connect(component)
+        let name = &spec.name;
+        Connect { graph, node, place, generation, name, wires, from: None }.connect(component)
     }
 
     fn spawn(
@@ -187,7 +188,7 @@ impl InProcessHost {
 
     /// The last state of a loop stays when it is gone.
     pub(super) fn keep_state(&mut self, l: &mut Loop) {
-        let Some(state) = l.stepper.state() else { return };
+        let Some(state) = l.state() else { return };
         if let Some(post) = self.posts.get_mut(&l.place) {
             post.last_state = Some((l.generation, state));
         }
@@ -355,7 +356,7 @@ impl Posts for Seats<'_> {
         let at = self.at(place);
         let there = at.and_then(|at| {
             let l = &mut self.loops[at];
-            Some((l.generation, l.stepper.state()?))
+            Some((l.generation, l.state()?))
         });
         let (generation, state) =
             there.or_else(|| self.host.posts.get(&place)?.last_state.clone())?;

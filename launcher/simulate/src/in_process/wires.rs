@@ -6,7 +6,7 @@ use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use runtime::graph::{Edge, READER_CAPACITY};
 use runtime::{Executor, Graph, Input, InputVisitor, Output, OutputVisitor, Sink, Source};
-use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Slot, SlotSpec, Topic, topics};
+use shared_types::{Header, NO_SEAT, OwnerRecord, Sample, Seat, Slot, SlotSpec, Topic, topics};
 use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::{Rc, Weak};
@@ -161,8 +161,8 @@ impl Wires {
 
     /// Connects every port of a component.
     pub(super) fn connect(&mut self, graph: &Graph, executor: &mut Executor) {
-        let role = executor.node().role;
-        let mut connect = Connect { wires: self, graph, role };
+        let (role, index) = (executor.node().role, executor.place().seat);
+        let mut connect = Connect { wires: self, graph, seat: Seat { role, index } };
         let Ok(()) = executor.component.visit_inputs(&mut connect);
         let Ok(()) = executor.component.visit_outputs(&mut connect);
         let Ok(()) = OutputVisitor::visit(&mut connect, &topics::LOOP_STATS, &mut executor.stats);
@@ -205,7 +205,7 @@ impl Wires {
 struct Connect<'a> {
     wires: &'a mut Wires,
     graph: &'a Graph,
-    role: Role,
+    seat: Seat,
 }
 
 impl InputVisitor for Connect<'_> {
@@ -216,10 +216,11 @@ impl InputVisitor for Connect<'_> {
         input: &mut Input<T>,
     ) -> Result<(), Infallible> {
         let source = self.wires.subscribe(topic);
-        let edge = self.graph.edge(&topic.info, self.role).copied();
-        let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role));
+        let role = self.seat.role;
+        let edge = self.graph.edge(&topic.info, role).copied();
+        let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, role));
         let source: Box<dyn Source<T>> = match &self.wires.delays {
-            Some(delays) => delays.delay((self.role, topic.info.name), source),
+            Some(delays) => delays.delay((self.seat, topic.info.name), source),
             None => Box::new(source),
         };
         input.connect(source, Some(edge));

@@ -1,6 +1,7 @@
 //! The edges of stability along one quantity.
 
-use super::{Bench, LinearLoop, Model, Quantity, StabilityError, answer};
+use super::{Bench, LinearLoop, Mismatch, Model, Quantity, StabilityError, answer};
+use attitude_mpc::AttitudeLawConfig;
 use serde::Serialize;
 
 /// Largest rotor lag looked at \[s\]; a loop that is stable up to an end has no limit there.
@@ -67,6 +68,25 @@ pub fn limits(
         linear: range(&is_stable, modelled, ends)?,
         simulated: range(&settles, modelled, ends)?,
     })
+}
+
+/// The longest delay beyond the modelled one at which a law is stable with the vehicle as it is, by the eigenvalues; none if
+/// there is no limit, and 0 if it is not stable without any \[s\].
+///
+/// # Errors
+/// A law or vehicle that is impossible.
+pub fn delay_margin_s(
+    bench: &Bench,
+    law: &AttitudeLawConfig,
+) -> Result<Option<f64>, StabilityError> {
+    let closed = LinearLoop::new(bench, law)?;
+    let is_stable = |periods: f64| {
+        let delay_s = periods / bench.rate_hz;
+        let world = Mismatch { lag_s: bench.vehicle.rotor_lag_s, inertia_ratio: 1.0, delay_s };
+        Ok(closed.spectral_radius(&world)? < 1.0)
+    };
+    let Range { stable, to, .. } = range(&is_stable, 0.0, [0.0, MAX_DELAY])?;
+    Ok(if stable { to.map(|periods| periods / bench.rate_hz) } else { Some(0.0) })
 }
 
 type Test<'a> = &'a dyn Fn(f64) -> Result<bool, StabilityError>;

@@ -13,7 +13,7 @@ mod simulation;
 #[cfg(test)]
 mod tests;
 
-pub use limits::{Limits, Range, limits};
+pub use limits::{Limits, Range, delay_margin_s, limits};
 pub use linear::LinearLoop;
 pub use simulation::{Answer, answer};
 

@@ -30,20 +30,19 @@ pub struct Agenda {
 }
 
 impl Agenda {
-    /// For so many loops, each of which looks at an instant \[ns\].
+    /// For so many loops, none of which has a turn.
     #[must_use]
-    pub fn new(loops: usize, at_ns: u64) -> Self {
-        let turn = |index| Some(Turn { at_ns, kind: TurnKind::Look, index });
-        Self { turns: (0..loops).map(turn).collect() }
+    pub fn for_loops(loops: usize) -> Self {
+        Self { turns: vec![None; loops] }
     }
 
-    /// The next turn of all; none if every loop has ended.
+    /// The next turn of all; none if no loop has one.
     #[must_use]
     pub fn next(&self) -> Option<Turn> {
         self.turns.iter().flatten().min().copied()
     }
 
-    /// The next turn of a loop; none if it has ended.
+    /// The next turn of a loop; none if it has none.
     #[must_use]
     pub fn of(&self, index: usize) -> Option<Turn> {
         self.turns.get(index).copied().flatten()
@@ -78,7 +77,9 @@ mod tests {
 
     #[test]
     fn who_publishes_comes_before_who_looks_and_that_before_whose_wait_is_over() {
-        let mut agenda = Agenda::new(4, 7);
+        let mut agenda = Agenda::for_loops(4);
+        assert_eq!(agenda.next(), None);
+        agenda.plan(2, TurnKind::Look, 7);
         agenda.plan(0, TurnKind::Expire, 7);
         agenda.plan(1, TurnKind::Publish, 7);
         agenda.plan(3, TurnKind::Publish, 8);
@@ -92,13 +93,12 @@ mod tests {
 
     #[test]
     fn only_a_loop_that_waits_is_woken_and_never_later_than_its_wait_ends() {
-        let mut agenda = Agenda::new(4, 0);
+        let mut agenda = Agenda::for_loops(4);
         for (index, kind) in
             [TurnKind::Expire, TurnKind::Look, TurnKind::Publish].into_iter().enumerate()
         {
             agenda.plan(index, kind, 10);
         }
-        agenda.end(3);
         (0..4).for_each(|index| agenda.wake(index, 5));
         let at_ns =
             |agenda: &Agenda| [0, 1, 2, 3].map(|index| agenda.of(index).map(|turn| turn.at_ns));

@@ -35,15 +35,32 @@ pub enum LoopEffect {
     WakeMissed,
 }
 
+/// A loop, by whom it is flown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Who<'a> {
+    /// Its role.
+    pub role: Role,
+    /// Name of the service.
+    pub name: &'a str,
+}
+
 /// One entry about a loop.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoopEntry {
-    /// Which.
+    /// Its role.
     pub role: Role,
+    /// Name of the service that it is about alone; any that fills the role if none.
+    pub name: Option<&'static str>,
     /// From when to when.
     pub window: Window,
     /// What.
     pub effect: LoopEffect,
+}
+
+impl LoopEntry {
+    fn is_about(&self, who: Who<'_>) -> bool {
+        self.role == who.role && self.name.is_none_or(|name| name == who.name)
+    }
 }
 
 /// What happens to the samples of a topic.
@@ -80,12 +97,13 @@ impl fmt::Display for Window {
 
 impl fmt::Display for LoopEntry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { role, window, effect } = self;
+        let Self { role, name, window, effect } = self;
+        let name = name.unwrap_or(role.label());
         match effect {
-            LoopEffect::StartLate(late) => write!(f, "{} begins {late} late", role.label()),
-            LoopEffect::Step(step) => write!(f, "{} takes {step} for a step", role.label()),
-            LoopEffect::Stopped => write!(f, "{} is stopped", role.label()),
-            LoopEffect::WakeMissed => write!(f, "{} misses wake-ups", role.label()),
+            LoopEffect::StartLate(late) => write!(f, "{name} begins {late} late"),
+            LoopEffect::Step(step) => write!(f, "{name} takes {step} for a step"),
+            LoopEffect::Stopped => write!(f, "{name} is stopped"),
+            LoopEffect::WakeMissed => write!(f, "{name} misses wake-ups"),
         }?;
         write!(f, " {window}")
     }
@@ -161,38 +179,38 @@ impl Script {
 
     /// When a loop whose next release is given begins that has reason to at `at_ns` \[ns\].
     #[must_use]
-    pub fn begins_ns(&self, role: Role, at_ns: u64, release_ns: u64) -> u64 {
-        let late_ns = self.sum(role, at_ns, release_ns, |effect| match effect {
+    pub fn begins_ns(&self, who: Who<'_>, at_ns: u64, release_ns: u64) -> u64 {
+        let late_ns = self.sum(who, at_ns, release_ns, |effect| match effect {
             LoopEffect::StartLate(duration) => Some(duration),
             _ => None,
         });
-        self.goes_on_ns(role, at_ns.saturating_add(late_ns))
+        self.goes_on_ns(who, at_ns.saturating_add(late_ns))
     }
 
     /// When the step for a release is over that begins at `start_ns` \[ns\].
     #[must_use]
-    pub fn ends_ns(&self, role: Role, start_ns: u64, release_ns: u64) -> u64 {
-        let step_ns = self.sum(role, start_ns, release_ns, |effect| match effect {
+    pub fn ends_ns(&self, who: Who<'_>, start_ns: u64, release_ns: u64) -> u64 {
+        let step_ns = self.sum(who, start_ns, release_ns, |effect| match effect {
             LoopEffect::Step(duration) => Some(duration),
             _ => None,
         });
         let (mut at_ns, mut left_ns) = (start_ns, step_ns);
         // It computes from one stop to the next.
-        while let Some(stop_ns) = self.next_stop_ns(role, at_ns) {
+        while let Some(stop_ns) = self.next_stop_ns(who, at_ns) {
             let runs_ns = stop_ns.saturating_sub(at_ns);
             if runs_ns >= left_ns {
                 break;
             }
             left_ns -= runs_ns;
-            at_ns = self.goes_on_ns(role, stop_ns);
+            at_ns = self.goes_on_ns(who, stop_ns);
         }
         at_ns.saturating_add(left_ns)
     }
 
     /// True if a wake-up of a loop is lost at an instant.
     #[must_use]
-    pub fn misses_wake(&self, role: Role, at_ns: u64) -> bool {
-        self.of(role, at_ns).any(|(_, entry)| entry.effect == LoopEffect::WakeMissed)
+    pub fn misses_wake(&self, who: Who<'_>, at_ns: u64) -> bool {
+        self.of(who, at_ns).any(|(_, entry)| entry.effect == LoopEffect::WakeMissed)
     }
 
     /// How a sample of a topic gets to its readers.
@@ -218,10 +236,10 @@ impl Script {
     }
 
     /// When a loop goes on that may be stopped at an instant \[ns\].
-    fn goes_on_ns(&self, role: Role, at_ns: u64) -> u64 {
+    fn goes_on_ns(&self, who: Who<'_>, at_ns: u64) -> u64 {
         let mut at_ns = at_ns;
         while let Some(until_ns) =
-            self.stops(role).filter(|w| w.contains(at_ns)).map(|w| w.until_ns).max()
+            self.stops(who).filter(|w| w.contains(at_ns)).map(|w| w.until_ns).max()
         {
             at_ns = until_ns;
         }
@@ -229,31 +247,31 @@ impl Script {
     }
 
     /// When a loop that runs at an instant is stopped next \[ns\].
-    fn next_stop_ns(&self, role: Role, at_ns: u64) -> Option<u64> {
-        let to_come = self.stops(role).filter(|w| w.from_ns < w.until_ns && w.until_ns > at_ns);
+    fn next_stop_ns(&self, who: Who<'_>, at_ns: u64) -> Option<u64> {
+        let to_come = self.stops(who).filter(|w| w.from_ns < w.until_ns && w.until_ns > at_ns);
         to_come.map(|w| w.from_ns.max(at_ns)).min()
     }
 
-    fn stops(&self, role: Role) -> impl Iterator<Item = Window> {
+    fn stops(&self, who: Who<'_>) -> impl Iterator<Item = Window> {
         let entries = self.loops.iter();
         entries
-            .filter(move |entry| entry.role == role && entry.effect == LoopEffect::Stopped)
+            .filter(move |entry| entry.is_about(who) && entry.effect == LoopEffect::Stopped)
             .map(|entry| entry.window)
     }
 
-    fn of(&self, role: Role, at_ns: u64) -> impl Iterator<Item = (usize, &LoopEntry)> {
+    fn of(&self, who: Who<'_>, at_ns: u64) -> impl Iterator<Item = (usize, &LoopEntry)> {
         let entries = self.loops.iter().enumerate();
-        entries.filter(move |(_, entry)| entry.role == role && entry.window.contains(at_ns))
+        entries.filter(move |(_, entry)| entry.is_about(who) && entry.window.contains(at_ns))
     }
 
     fn sum(
         &self,
-        role: Role,
+        who: Who<'_>,
         at_ns: u64,
         release_ns: u64,
         duration: impl Fn(&LoopEffect) -> Option<&Duration>,
     ) -> u64 {
-        let drawn = self.of(role, at_ns).filter_map(|(number, entry)| {
+        let drawn = self.of(who, at_ns).filter_map(|(number, entry)| {
             let duration = duration(&entry.effect)?;
             Some(duration.draw_ns(self.uniform(number, release_ns)))
         });

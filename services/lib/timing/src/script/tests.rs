@@ -1,14 +1,14 @@
 use super::*;
 use proptest::prelude::*;
 
-const ROLE: Role = Role::Attitude;
+const WHO: Who<'_> = Who { role: Role::Attitude, name: "attitude-mpc" };
 
 fn window(from_ns: u64, until_ns: u64) -> Window {
     Window { from_ns, until_ns }
 }
 
 fn entry(window: Window, effect: LoopEffect) -> LoopEntry {
-    LoopEntry { role: ROLE, window, effect }
+    LoopEntry { role: WHO.role, name: None, window, effect }
 }
 
 fn of_loops(loops: Vec<LoopEntry>) -> Script {
@@ -22,9 +22,10 @@ fn sample(release_ns: u64) -> Header {
 #[test]
 fn a_stop_puts_off_what_begins_in_it_to_its_end() {
     let stop = of_loops(vec![entry(window(100, 200), LoopEffect::Stopped)]);
-    let begins = [99, 100, 199, 200].map(|at_ns| stop.begins_ns(ROLE, at_ns, 0));
+    let begins = [99, 100, 199, 200].map(|at_ns| stop.begins_ns(WHO, at_ns, 0));
     assert_eq!(begins, [99, 200, 200, 200]);
-    assert_eq!(stop.begins_ns(Role::Position, 150, 0), 150);
+    let position = Who { role: Role::Position, name: "position-mpc" };
+    assert_eq!(stop.begins_ns(position, 150, 0), 150);
 }
 
 #[test]
@@ -34,18 +35,28 @@ fn a_step_goes_on_after_each_stop_with_what_is_left_of_it() {
     let stops = stops.map(|window| entry(window, LoopEffect::Stopped));
     let script = of_loops([&[step][..], &stops].concat());
     // 10 before the first stop, 10 between the two, 30 after.
-    assert_eq!(script.ends_ns(ROLE, 100, 0), 260);
+    assert_eq!(script.ends_ns(WHO, 100, 0), 260);
     // Over when the stop begins.
-    assert_eq!(script.ends_ns(ROLE, 60, 0), 110);
+    assert_eq!(script.ends_ns(WHO, 60, 0), 110);
     // It began after the last window.
-    assert_eq!(script.ends_ns(ROLE, 1000, 0), 1000);
+    assert_eq!(script.ends_ns(WHO, 1000, 0), 1000);
+}
+
+#[test]
+fn an_entry_is_about_all_of_a_role_or_about_one_service() {
+    let stop = entry(window(0, 10), LoopEffect::Stopped);
+    let other = Who { name: "attitude-pid", ..WHO };
+    let begins = |script: Script| [WHO, other].map(|who| script.begins_ns(who, 5, 0));
+    assert_eq!(begins(of_loops(vec![stop.clone()])), [10, 10]);
+    let named = LoopEntry { name: Some("attitude-pid"), ..stop };
+    assert_eq!(begins(of_loops(vec![named])), [5, 10]);
 }
 
 #[test]
 fn entries_of_one_kind_that_overlap_add_up() {
     let late = |ns| LoopEffect::StartLate(Duration::Fixed(ns));
     let script = of_loops(vec![entry(window(0, 10), late(3)), entry(window(5, 15), late(4))]);
-    assert_eq!([4, 5, 10, 15].map(|at_ns| script.begins_ns(ROLE, at_ns, 0)), [7, 12, 14, 15]);
+    assert_eq!([4, 5, 10, 15].map(|at_ns| script.begins_ns(WHO, at_ns, 0)), [7, 12, 14, 15]);
 }
 
 #[test]
@@ -73,7 +84,7 @@ fn draws_depend_on_seed_entry_and_release_alone() {
     let jitter = LoopEffect::StartLate(Duration::Uniform(0, 1 << 40));
     let entries = vec![entry(window(0, 9), jitter.clone()), entry(window(9, 99), jitter)];
     let draw = |seed, at_ns, release_ns| {
-        Script::new(seed, entries.clone(), Vec::new()).begins_ns(ROLE, at_ns, release_ns) - at_ns
+        Script::new(seed, entries.clone(), Vec::new()).begins_ns(WHO, at_ns, release_ns) - at_ns
     };
     assert_eq!(draw(1, 0, 5), draw(1, 8, 5));
     assert_ne!(draw(1, 0, 5), draw(2, 0, 5), "seed");
@@ -86,7 +97,7 @@ fn a_clock_that_begins_elsewhere_moves_windows_of_loops_and_no_release() {
     let lost = SampleEntry { topic: "imu", window: window(0, 10), effect: SampleEffect::Lost };
     let stop = entry(window(0, 10), LoopEffect::Stopped);
     let script = Script::new(1, vec![stop], vec![lost]).on_clock(1000);
-    assert_eq!([5, 1005].map(|at_ns| script.begins_ns(ROLE, at_ns, 0)), [5, 1010]);
+    assert_eq!([5, 1005].map(|at_ns| script.begins_ns(WHO, at_ns, 0)), [5, 1010]);
     assert_eq!(script.arrival("imu", &sample(5)).copies, 0);
 }
 
@@ -110,6 +121,6 @@ proptest! {
             left_ns -= u64::from(!is_stopped(end_ns));
             end_ns += 1;
         }
-        prop_assert_eq!(script.ends_ns(ROLE, start_ns, 0), end_ns);
+        prop_assert_eq!(script.ends_ns(WHO, start_ns, 0), end_ns);
     }
 }
