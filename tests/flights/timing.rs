@@ -191,6 +191,40 @@ fn an_owner_that_is_stopped_after_its_swap_is_followed_without_a_safe_mode_episo
     }
 }
 
+/// The recording of a flight with every kind of lateness tells when each step began and how long it took, and with that
+/// alone it is the same flight.
+#[test]
+fn a_flight_by_the_recorded_time_of_another_is_that_one() {
+    let scripts = [
+        "attitude:step=3ms..14ms@0.5s..1s",
+        "position:start-late=0ms..15ms",
+        "estimator:stopped@1.1s..1.15s",
+        "plant:stopped@1.3s..1.32s",
+        "attitude:wake-missed@1.5s..2s",
+        "pilot:stopped@0.3s..0.8s",
+        "disturbance:step=2ms..4ms",
+    ];
+    let flags = ["figure8-morph", "--for", "2s"];
+    let flown = timed(&flags, &scripts);
+    let recording = flown.recording_path();
+    let again = timed(&flags, &[recording.to_str().expect("a path")]);
+    // The monitor publishes nothing while all is well, so that nothing tells when it stepped.
+    let of_others = |flown: &Flown| -> Vec<Value> {
+        flown.misses().iter().filter(|miss| miss["to"] != "monitor").cloned().collect()
+    };
+    assert_eq!(of_others(&again), of_others(&flown));
+    assert!(count(&flown, "missed_ticks") > 50, "{}", flown.said());
+    assert_eq!(again.hash(), flown.hash());
+
+    let plain = fly(&[&flags[..], &["--in-process"]].concat());
+    let of_lockstep = morphquad(["check", "--timing"]).arg(plain.recording_path()).output();
+    let said = String::from_utf8_lossy(&of_lockstep.expect("it starts").stderr).into_owned();
+    assert!(said.contains("it was flown in lockstep"), "{said}");
+    let rate = morphquad(["check", "--rate", "attitude=200", "--timing"]).arg(&recording).output();
+    let said = String::from_utf8_lossy(&rate.expect("it starts").stderr).into_owned();
+    assert!(said.contains("was recorded at 100 Hz, and the loop is at 200 Hz"), "{said}");
+}
+
 /// One script by chance.
 fn by_chance(rng: &mut ChaCha8Rng) -> String {
     let mut below = |n: u32| rng.next_u32() % n;

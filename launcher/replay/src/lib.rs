@@ -19,6 +19,7 @@ mod pairs;
 mod report;
 mod source;
 mod tapes;
+mod timing;
 
 pub use compare::{Difference, ServiceVerdict, Verification, verify};
 pub use departure::{Departure, FieldDeparture, With, depart, write_outputs};
@@ -29,6 +30,7 @@ pub use lives::{Instance, Who};
 pub use course::{Course, Repeats};
 pub use pairs::{Pair, difference, pairs};
 pub use tapes::Loss;
+pub use timing::timing_of;
 
 use components::BuildError;
 use record::read::{ReadError, RecordedFlight};

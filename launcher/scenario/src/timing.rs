@@ -6,16 +6,19 @@ use super::problem::{Complaint, ScenarioError};
 use super::settings::{Clock, Settings};
 use super::{Override, Scenario, suggest, text};
 use crate::services::{Assignment, Loop};
-use ::timing::{Duration, LoopEffect, LoopEntry, SampleEffect, SampleEntry, Script, Window};
+use ::timing::{
+    Duration, LoopEffect, LoopEntry, RecordedStep, SampleEffect, SampleEntry, Script, Window,
+};
 use garde::Validate;
-use runtime::Graph;
 use runtime::pacing::is_timed;
+use runtime::{Graph, Rate};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserializer, Error, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use shared_types::time::ns_from_s;
 use shared_types::{TopicInfo, topics};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Longest time that anything can take \[s\].
@@ -54,6 +57,10 @@ pub struct TimingSettings {
     #[garde(skip)]
     #[schemars(schema_with = "seconds_schema")]
     pub step_s: Option<DurationSettings>,
+    /// Each step as another flight had it, by release: how long after its release it began, before it if that is negative,
+    /// and how long it took. Written by `--timing RECORDING`.
+    #[garde(skip)]
+    pub recorded: Option<RecordedSettings>,
     /// The loop is stopped, as by a debugger.
     #[serde(default)]
     #[garde(skip)]
@@ -88,6 +95,52 @@ pub enum DurationSettings {
     Seconds(f64),
     /// One of those that the table tells.
     Drawn(DrawSettings),
+}
+
+/// The steps of a loop in another flight.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RecordedSettings {
+    /// Rate of the loop there \[Hz\].
+    pub rate_hz: f64,
+    /// By release: begin after it and time that the step took; nothing if that is not known \[ns\].
+    pub steps_ns: Vec<Vec<i64>>,
+    /// Numbers of the first and the last release of those that were left out in a row.
+    #[serde(default)]
+    pub left_out: Vec<[u64; 2]>,
+}
+
+impl RecordedSettings {
+    /// By their releases; what is wrong with them, and what to write instead.
+    fn steps(&self) -> Result<BTreeMap<u64, RecordedStep>, (String, String)> {
+        let remedy = "let `--timing RECORDING` write it".to_owned();
+        let rate =
+            Rate::from_hz(self.rate_hz).map_err(|error| (error.to_string(), remedy.clone()))?;
+        let mut steps = BTreeMap::new();
+        for (release_ns, step) in (0..).map(|k| rate.release_ns(k)).zip(&self.steps_ns) {
+            match step[..] {
+                [] => {}
+                [begin_ns, step_ns] if step_ns >= 0 => {
+                    let begin_ns = begin_ns.saturating_add_unsigned(release_ns);
+                    let step_ns = step_ns.unsigned_abs();
+                    steps.insert(release_ns, RecordedStep { begin_ns, step_ns });
+                }
+                _ => return Err((format!("{step:?} is neither [BEGIN, TIME] nor []"), remedy)),
+            }
+        }
+        for [first, last] in &self.left_out {
+            let count = self.steps_ns.len() as u64;
+            if first > last || *last >= count {
+                return Err((format!("{first} to {last} are no releases before {count}"), remedy));
+            }
+            // The loop looked when it began the one after them.
+            if let Some(next) = steps.get(&rate.release_ns(last + 1)).copied() {
+                let step = RecordedStep { step_ns: 0, ..next };
+                steps.extend((*first..=*last).map(|k| (rate.release_ns(k), step)));
+            }
+        }
+        Ok(steps)
+    }
 }
 
 /// How a time is drawn.
@@ -222,7 +275,8 @@ impl TimingSettings {
                 "name a topic in place of the loop",
             ),
             (None, Some(_), Effect::Loop(_)) => {
-                let what = "start_late_s, step_s, stopped and wake_missed are about a loop";
+                let what =
+                    "start_late_s, step_s, recorded, stopped and wake_missed are about a loop";
                 refuse("topic", what, "name a loop in place of the topic")
             }
             (Some(_), Some(_), _) => {
@@ -251,6 +305,10 @@ impl TimingSettings {
                 _ => Effect::Samples(SampleEffect::Late(duration)),
             });
         }
+        if let Some(recorded) = &self.recorded {
+            let steps = recorded.steps().map_err(|(what, remedy)| ("recorded", what, remedy))?;
+            effects.push(Effect::Loop(LoopEffect::Recorded(steps)));
+        }
         let flags = [
             (self.stopped, Effect::Loop(LoopEffect::Stopped)),
             (self.wake_missed, Effect::Loop(LoopEffect::WakeMissed)),
@@ -260,7 +318,7 @@ impl TimingSettings {
         effects.extend(flags.into_iter().filter(|(is_set, _)| *is_set).map(|(_, effect)| effect));
         let mut effects = effects.into_iter();
         let (Some(effect), None) = (effects.next(), effects.next()) else {
-            let what = "has not exactly one of start_late_s, step_s, stopped, wake_missed, late_s, lost and duplicated";
+            let what = "has not exactly one of start_late_s, step_s, recorded, stopped, wake_missed, late_s, lost and duplicated";
             return refuse("", what, "write one entry for each");
         };
         Ok(effect)
@@ -291,6 +349,14 @@ impl TimingSettings {
         if effect == LoopEffect::WakeMissed && is_timed(graph, role) {
             let what = format!("{name} goes by its own clock: no input wakes it");
             return refuse("wake_missed", what, "leave the entry away, or let it start late");
+        }
+        let rate_hz = graph.node(role).map_or(0.0, |node| node.rate.hz());
+        if let Some(recorded) =
+            self.recorded.as_ref().filter(|r| (r.rate_hz - rate_hz).abs() > 1e-6)
+        {
+            let what =
+                format!("was recorded at {} Hz, and the loop is at {rate_hz} Hz", recorded.rate_hz);
+            return refuse("recorded", what, "fly it at the rate at which it was recorded");
         }
         if self.at_s.is_some() {
             return refuse("at_s", "is about one sample of a topic", "write from_s and to_s");
@@ -428,10 +494,31 @@ impl Override {
     }
 }
 
+impl Override {
+    /// `--timing RECORDING`, of which `entries` are what has been made, or why none could be.
+    ///
+    /// # Errors
+    /// There are none.
+    pub fn recorded_timing(
+        argument: &str,
+        entries: Result<String, String>,
+    ) -> Result<Self, ScenarioError> {
+        let shown = format!("--timing {argument}");
+        let remedy = "name a recording of a realtime flight, or of one with [[timing]], in which no slot changed hands";
+        let entries = entries.map_err(|what| refusal("--timing", &shown, &what, remedy))?;
+        of_text(&shown, &entries)
+    }
+}
+
 /// All entries of a file, which has nothing else.
 fn of_file(shown: &str, path: &str) -> Result<Override, ScenarioError> {
     let refuse = |what: &str| refusal("--timing", shown, what, TIMING_FORM);
     let text = text::read(path).map_err(|_| refuse("is no entry, and no file that can be read"))?;
+    of_text(shown, &text)
+}
+
+fn of_text(shown: &str, text: &str) -> Result<Override, ScenarioError> {
+    let refuse = |what: &str| refusal("--timing", shown, what, TIMING_FORM);
     let table: toml::Table = text.parse().map_err(|_| refuse("is a file that is not TOML"))?;
     match (table.get("timing"), table.len()) {
         (Some(entries @ toml::Value::Array(_)), 1) => {

@@ -8,10 +8,11 @@ use clap::Args;
 use clap::builder::StringValueParser;
 use core::time::Duration;
 use protocol::topic::known;
+use replay::timing_of;
 use scenario::{Override, Scenario, ScenarioError, shipped};
 use simulate::{Pin, RunOptions, Speed};
 use std::io::IsTerminal as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A scenario and what to change in it.
 #[derive(Debug, Clone, Args)]
@@ -51,7 +52,8 @@ pub struct ScenarioArguments {
     /// Kill or stop a process at a time, for example `kill:estimator@4.2s`
     #[arg(long, value_name = "kill|stop:NAME@TIME")]
     pub fault: Vec<String>,
-    /// What a loop or topic does to time, for example `attitude:step=12ms@2s..3s`; with `--in-process`
+    /// What a loop or topic does to time, for example `attitude:step=12ms@2s..3s`, a file of such entries, or a
+    /// recording whose time it is to take; with `--in-process`
     #[arg(long, value_name = "NAME:KIND[=TIME][@FROM..TO]|FILE")]
     pub timing: Vec<String>,
     /// Realtime: refuse to fly unless the system grants priority, locked memory and processors
@@ -79,7 +81,7 @@ impl ScenarioArguments {
         let assigned = self.controller.iter().map(|argument| Override::controller(argument));
         let goto = self.goto.iter().map(|argument| Override::goto(argument));
         let morph = self.morph.iter().map(|argument| Override::morph(argument));
-        let timing = self.timing.iter().map(|argument| Override::timing(argument));
+        let timing = self.timing.iter().map(|argument| timing(argument));
         let scripted = swap.chain(standby).chain(fault).chain(goto).chain(morph).chain(timing);
         let all = set.chain(rate).chain(assigned).chain(scripted);
         let mut overrides = all.collect::<Result<Vec<_>, _>>()?;
@@ -90,6 +92,15 @@ impl ScenarioArguments {
         overrides.extend(self.speed.as_deref().map(Override::speed));
         Ok(overrides)
     }
+}
+
+/// `--timing` of an entry, a file of entries, or a recording.
+fn timing(argument: &str) -> Result<Override, ScenarioError> {
+    if !scenario::is_recording(Path::new(argument)) {
+        return Override::timing(argument);
+    }
+    let entries = timing_of(Path::new(argument)).map_err(|error| error.to_string());
+    Override::recorded_timing(argument, entries)
 }
 
 /// What to fly and how.

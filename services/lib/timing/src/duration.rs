@@ -2,6 +2,9 @@
 
 use core::fmt;
 
+/// Most values that are told one by one.
+const TOLD: usize = 4;
+
 /// How long something takes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Duration {
@@ -65,6 +68,13 @@ impl fmt::Display for Duration {
         match self {
             Self::Fixed(value_ns) => write!(f, "{} ms", ms(value_ns)),
             Self::Uniform(least_ns, most_ns) => write!(f, "{} to {} ms", ms(least_ns), ms(most_ns)),
+            Self::Values(values) if values.len() > TOLD => {
+                let half = values.iter().find(|(_, share)| *share >= 0.5);
+                let ends = [values.first(), half, values.last()];
+                let [least, half, most] =
+                    ends.map(|end| end.map_or(0.0, |(value_ns, _)| ms(value_ns)));
+                write!(f, "{least} to {most} ms, half of the times {half} ms at most,")
+            }
             Self::Values(values) => {
                 let mut before = 0.0;
                 for (index, (value_ns, share)) in values.iter().enumerate() {

@@ -15,4 +15,6 @@ mod script;
 
 pub use agenda::{Agenda, Turn, TurnKind};
 pub use duration::Duration;
-pub use script::{Arrival, LoopEffect, LoopEntry, SampleEffect, SampleEntry, Script, Who, Window};
+pub use script::{
+    Arrival, LoopEffect, LoopEntry, RecordedStep, SampleEffect, SampleEntry, Script, Who, Window,
+};

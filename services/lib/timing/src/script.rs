@@ -4,6 +4,7 @@ use crate::duration::Duration;
 use core::fmt;
 use noise::{Noise, Source};
 use shared_types::{Header, Role};
+use std::collections::BTreeMap;
 
 /// From one instant to right before another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +34,18 @@ pub enum LoopEffect {
     Stopped,
     /// Wake-ups by its inputs are lost, so that it looks when its wait is over.
     WakeMissed,
+    /// Its steps begin when they began in another flight, by their releases \[ns\], or later if they have no reason to until
+    /// then, and take as long. Of one of which nothing is known nothing is changed.
+    Recorded(BTreeMap<u64, RecordedStep>),
+}
+
+/// A step of another flight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RecordedStep {
+    /// When it began; a source works ahead of the start \[ns\].
+    pub begin_ns: i64,
+    /// How long it took \[ns\].
+    pub step_ns: u64,
 }
 
 /// A loop, by whom it is flown.
@@ -104,6 +117,13 @@ impl fmt::Display for LoopEntry {
             LoopEffect::Step(step) => write!(f, "{name} takes {step} for a step"),
             LoopEffect::Stopped => write!(f, "{name} is stopped"),
             LoopEffect::WakeMissed => write!(f, "{name} misses wake-ups"),
+            LoopEffect::Recorded(steps) => {
+                return write!(
+                    f,
+                    "{name} begins {} steps when they were recorded, and takes as long",
+                    steps.len()
+                );
+            }
         }?;
         write!(f, " {window}")
     }
@@ -145,12 +165,18 @@ impl Script {
         Self { seed, loops, samples }
     }
 
-    /// The same on a clock on which logical time 0 is at `start_ns`: windows of loops are on it, and releases are not \[ns\].
+    /// The same on a clock on which logical time 0 is at `start_ns`: windows of loops and begins of recorded steps are on
+    /// it, and releases are not \[ns\].
     #[must_use]
     pub fn on_clock(mut self, start_ns: u64) -> Self {
-        for LoopEntry { window, .. } in &mut self.loops {
+        for LoopEntry { window, effect, .. } in &mut self.loops {
             window.from_ns = window.from_ns.saturating_add(start_ns);
             window.until_ns = window.until_ns.saturating_add(start_ns);
+            if let LoopEffect::Recorded(steps) = effect {
+                for step in steps.values_mut() {
+                    step.begin_ns = step.begin_ns.saturating_add_unsigned(start_ns);
+                }
+            }
         }
         self
     }
@@ -184,7 +210,10 @@ impl Script {
             LoopEffect::StartLate(duration) => Some(duration),
             _ => None,
         });
-        self.goes_on_ns(who, at_ns.saturating_add(late_ns))
+        let at_ns = at_ns.saturating_add(late_ns);
+        let recorded = self.recorded(who, |steps| steps.get(&release_ns));
+        let recorded_ns = recorded.map(|step| u64::try_from(step.begin_ns).unwrap_or(0));
+        self.goes_on_ns(who, recorded_ns.max().unwrap_or(0).max(at_ns))
     }
 
     /// When the step for a release is over that begins at `start_ns` \[ns\].
@@ -194,7 +223,9 @@ impl Script {
             LoopEffect::Step(duration) => Some(duration),
             _ => None,
         });
-        let (mut at_ns, mut left_ns) = (start_ns, step_ns);
+        let recorded = self.recorded(who, |steps| steps.get(&release_ns));
+        let recorded_ns = recorded.map(|step| step.step_ns).fold(0, u64::saturating_add);
+        let (mut at_ns, mut left_ns) = (start_ns, step_ns.saturating_add(recorded_ns));
         // It computes from one stop to the next.
         while let Some(stop_ns) = self.next_stop_ns(who, at_ns) {
             let runs_ns = stop_ns.saturating_sub(at_ns);
@@ -250,6 +281,19 @@ impl Script {
     fn next_stop_ns(&self, who: Who<'_>, at_ns: u64) -> Option<u64> {
         let to_come = self.stops(who).filter(|w| w.from_ns < w.until_ns && w.until_ns > at_ns);
         to_come.map(|w| w.from_ns.max(at_ns)).min()
+    }
+
+    /// What recorded steps of a loop tell.
+    fn recorded<'a, T>(
+        &'a self,
+        who: Who<'_>,
+        tell: impl Fn(&'a BTreeMap<u64, RecordedStep>) -> Option<T>,
+    ) -> impl Iterator<Item = T> {
+        let entries = self.loops.iter().filter(move |entry| entry.is_about(who));
+        entries.filter_map(move |entry| match &entry.effect {
+            LoopEffect::Recorded(steps) => tell(steps),
+            _ => None,
+        })
     }
 
     fn stops(&self, who: Who<'_>) -> impl Iterator<Item = Window> {

@@ -101,6 +101,19 @@ fn a_clock_that_begins_elsewhere_moves_windows_of_loops_and_no_release() {
     assert_eq!(script.arrival("imu", &sample(5)).copies, 0);
 }
 
+#[test]
+fn a_recorded_step_begins_and_takes_as_it_did_whatever_the_loop_is_ready_for() {
+    let step = |begin_ns, step_ns| RecordedStep { begin_ns, step_ns };
+    // Nothing is known of the release at 10.
+    let steps = BTreeMap::from([(0, step(-3, 2)), (20, step(23, 5))]);
+    let recorded = entry(window(0, u64::MAX), LoopEffect::Recorded(steps));
+    let script = of_loops(vec![recorded]).on_clock(100);
+    let begins = [(90, 0), (99, 0), (110, 10), (120, 20), (125, 20), (130, 30)];
+    let begins = begins.map(|(at_ns, release_ns)| script.begins_ns(WHO, at_ns, release_ns));
+    assert_eq!(begins, [97, 99, 110, 123, 125, 130]);
+    assert_eq!([0, 10, 20].map(|release_ns| script.ends_ns(WHO, 123, release_ns)), [125, 123, 128]);
+}
+
 proptest! {
     /// Instant by instant.
     #[test]
