@@ -86,6 +86,10 @@ fn what_a_stopped_estimator_makes_its_readers_miss_is_counted_located_and_named(
     assert_eq!(count(&flown, "late_samples"), 863);
     assert_eq!((flown.verdict(), flown.code), ("PASSED", Some(0)), "{}", flown.said());
     assert!(identical(&flown.recording_path()));
+    let events = morphquad(["topic", "echo", "events"]).arg(flown.recording_path()).output();
+    let events = String::from_utf8_lossy(&events.expect("it starts").stdout).into_owned();
+    let told = "2.000000 s  info  launcher: fault: estimator is stopped from 2.000 s to 2.300 s";
+    assert!(events.contains(told), "{events}");
 }
 
 #[test]
@@ -164,6 +168,22 @@ fn a_swap_is_that_of_the_lockstep_flight_while_loops_that_take_time_are_on_time(
         let flown = timed(&flags, &[script]);
         assert_eq!((flown.hash(), flown.code), (plain.hash(), Some(0)), "{script}");
         assert_eq!(flown.summary()["swaps"], plain.summary()["swaps"], "{script}");
+    }
+}
+
+#[test]
+fn orders_faults_and_standbys_are_those_of_the_lockstep_flight_if_nothing_takes_time() {
+    for script in [
+        ["--goto", "1,0,2@800ms"],
+        ["--morph", "120@700ms,over=500ms"],
+        ["--fault", "kill:attitude-mpc@1s"],
+        ["--fault", "stop:position-mpc@1s"],
+        ["--standby", "attitude=attitude-pid"],
+    ] {
+        let flags = [&["hover", "--for", "2s", "--no-record"][..], &script].concat();
+        let plain = fly(&[&flags[..], &["--in-process"]].concat());
+        let flown = timed(&flags, &["attitude:step=0s"]);
+        assert_eq!((flown.hash(), flown.code), (plain.hash(), plain.code), "{script:?}");
     }
 }
 

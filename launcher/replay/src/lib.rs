@@ -30,7 +30,7 @@ pub use lives::{Instance, Who};
 pub use course::{Course, Repeats};
 pub use pairs::{Pair, difference, pairs};
 pub use tapes::Loss;
-pub use timing::timing_of;
+pub use timing::{TimingError, timing_of};
 
 use components::BuildError;
 use record::read::{ReadError, RecordedFlight};

@@ -70,10 +70,14 @@ impl Base {
             words.extend(["--set".to_owned(), quoted(&setting)]);
         }
         words.push(format!("--seed {}", case.seed));
-        // Lockstep is what a scenario flies in unless it says otherwise itself.
-        let own = Scenario::from_text(&self.name, &self.text, &[]);
-        if own.is_ok_and(|scenario| scenario.settings().scenario.clock == Clock::Realtime) {
-            words.push(format!("--clock {LOCKSTEP}"));
+        // Lockstep and processes are what a scenario flies in unless it says otherwise itself.
+        if let Ok(own) = Scenario::from_text(&self.name, &self.text, &[]) {
+            if own.settings().scenario.clock == Clock::Realtime {
+                words.push(format!("--clock {LOCKSTEP}"));
+            }
+            if !own.settings().timing.is_empty() {
+                words.push("--in-process".to_owned());
+            }
         }
         words.join(" ")
     }
@@ -151,5 +155,15 @@ mod tests {
         let scenario = base.scenario(&[], &case).unwrap();
         assert_eq!(scenario.settings().scenario.clock, Clock::Lockstep);
         assert_eq!(base.command(&[], &case), "morphquad run hover.toml --seed 3 --clock lockstep");
+    }
+
+    #[test]
+    fn a_scenario_whose_loops_take_time_is_flown_in_one_process_by_its_command() {
+        let text = "[[timing]]\nloop = \"attitude\"\nstep_s = 0.001\n".to_owned();
+        let base = Base { name: "late.toml".into(), text, set: Vec::new() };
+        let axis = Axis { key: "timing.0.step_s".into(), values: vec!["0.012".into()] };
+        let case = Case { seed: 3, values: axis.values.clone() };
+        let expected = "morphquad run late.toml --set timing.0.step_s=0.012 --seed 3 --in-process";
+        assert_eq!(base.command(&[axis], &case), expected);
     }
 }

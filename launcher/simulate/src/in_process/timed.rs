@@ -11,6 +11,7 @@ use runtime::executor::Computed;
 use runtime::pacing::{Next, Pacing, is_timed, take_effect_when_published};
 use shared_types::{ClockRecord, Seat};
 use std::rc::Rc;
+use swap::FAULT;
 use timing::{Agenda, Script, Turn, TurnKind, Who};
 
 /// Logical time 0 on this clock: sources work ahead of the start \[ns\].
@@ -117,7 +118,7 @@ impl TimedClock {
     fn tell_until(&mut self, at_mono_ns: u64) {
         let now_ns = self.wall.logical_ns(at_mono_ns);
         while let Some((from_ns, text)) = self.to_come.pop_if(|(from_ns, _)| *from_ns <= now_ns) {
-            self.observer.note(from_ns, false, &text);
+            self.observer.note(from_ns, false, &format!("{FAULT}{text}"));
         }
     }
 
