@@ -130,6 +130,21 @@ fn a_late_sample_or_producer_holds_its_reader_up_until_the_deadline() {
     }
 }
 
+/// The plant says nothing for 1 ms, and so does the estimator.
+#[test]
+fn a_loop_waits_as_long_as_the_longest_deadline_of_what_is_missing() {
+    let flags = ["hover", "--for", "2s", "--no-record"];
+    for (deadline_s, steps) in [("0.0005", Some((1, 1.0, 1.0))), ("0.002", None)] {
+        let deadline = format!("realtime.attitude_mpc.deadline.state_estimate_s={deadline_s}");
+        let flags = [&flags[..], &["--set", &deadline]].concat();
+        let flown = timed(&flags, &["plant:stopped@1s..1.001s"]);
+        for topic in ["state_estimate", "applied_command"] {
+            let told = missed(&flown, "not final", Some(topic), "attitude");
+            assert_eq!(told, steps, "{topic}, {deadline_s} s: {}", flown.said());
+        }
+    }
+}
+
 /// 3 ms of computation and what is sent takes effect at once: 3 ms after its release, and not after its latency.
 #[test]
 fn an_asap_edge_takes_effect_when_the_step_is_over() {
