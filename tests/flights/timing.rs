@@ -145,6 +145,32 @@ fn a_loop_waits_as_long_as_the_longest_deadline_of_what_is_missing() {
     }
 }
 
+/// Begins and times of a step each, of a loop at 100 Hz: after the first, which takes 12 ms, it is behind.
+#[test]
+fn a_loop_that_is_behind_begins_late_and_not_amid_a_stop_too() {
+    let begins_ms = |scripts: &[&str]| -> Vec<f64> {
+        let flown = timed(&["hover", "--for", "600ms"], scripts);
+        let stamps = ["header.release_ns", "header.start_mono_ns", "header.release_mono_ns"];
+        let commands = flown.recording().series("wrench_command", &stamps);
+        let commands = commands.iter().filter(|row| (5e8..5.3e8).contains(&row.values[0]));
+        commands.map(|row| ((row.values[1] - row.values[2]) * 1e-4).round() / 1e2).collect()
+    };
+    let overrun = "attitude:step=12ms@0.5s..0.501s";
+    assert_eq!(begins_ms(&[overrun]), [0.0, 2.0, 0.0]);
+    // The second has its reason to begin when the first has been published.
+    assert_eq!(begins_ms(&[overrun, "attitude:start-late=5ms@0.505s..0.515s"]), [0.0, 7.0, 0.0]);
+    assert_eq!(begins_ms(&[overrun, "attitude:stopped@0.512s..0.516s"]), [0.0, 6.0, 0.0]);
+}
+
+#[test]
+fn the_one_sample_of_a_time_is_the_next_of_a_sensor_that_is_slower_than_the_plant() {
+    for at in ["1s", "1.003s"] {
+        let flown =
+            timed(&["hover", "--for", "2s", "--no-record"], &[&format!("pose_fix:lost@{at}")]);
+        assert_eq!(count(&flown, "unseen_samples"), 1, "{at}: {}", flown.said());
+    }
+}
+
 /// 3 ms of computation and what is sent takes effect at once: 3 ms after its release, and not after its latency.
 #[test]
 fn an_asap_edge_takes_effect_when_the_step_is_over() {
@@ -187,7 +213,7 @@ fn a_swap_is_that_of_the_lockstep_flight_while_loops_that_take_time_are_on_time(
 }
 
 #[test]
-fn orders_faults_and_standbys_are_those_of_the_lockstep_flight_if_nothing_takes_time() {
+fn orders_faults_and_standbys_are_those_of_lockstep_if_nothing_takes_time() {
     for script in [
         ["--goto", "1,0,2@800ms"],
         ["--morph", "120@700ms,over=500ms"],
@@ -236,6 +262,8 @@ fn a_flight_by_the_recorded_time_of_another_is_that_one() {
         "estimator:stopped@1.1s..1.15s",
         "plant:stopped@1.3s..1.32s",
         "attitude:wake-missed@1.5s..2s",
+        "attitude:start-late=0ms..8ms@0.5s..1s",
+        "attitude:stopped@0.63s..0.66s",
         "pilot:stopped@0.3s..0.8s",
         "disturbance:step=2ms..4ms",
     ];
@@ -250,6 +278,13 @@ fn a_flight_by_the_recorded_time_of_another_is_that_one() {
     assert_eq!(of_others(&again), of_others(&flown));
     assert!(count(&flown, "missed_ticks") > 50, "{}", flown.said());
     assert_eq!(again.hash(), flown.hash());
+
+    let whole = std::fs::read(&recording).expect("the recording");
+    let cut = recording.with_file_name("cut.mcap");
+    std::fs::write(&cut, &whole[..whole.len() / 2]).expect("room");
+    let of_a_part = morphquad(["check", "--timing"]).arg(&cut).output();
+    let said = String::from_utf8_lossy(&of_a_part.expect("it starts").stderr).into_owned();
+    assert!(said.contains("it is incomplete"), "{said}");
 
     let plain = fly(&[&flags[..], &["--in-process"]].concat());
     let of_lockstep = morphquad(["check", "--timing"]).arg(plain.recording_path()).output();
@@ -266,7 +301,8 @@ fn by_chance(rng: &mut ChaCha8Rng) -> String {
     let loops = ["plant", "estimator", "position", "attitude", "disturbance", "pilot", "monitor"];
     let topics =
         ["imu", "pose_fix", "state_estimate", "wrench_command", "attitude_setpoint", "reference"];
-    let (from_ms, long_ms) = (below(1500), 1 + below(300));
+    let longest_ms = [300, 300, 300, 4000][below(4) as usize];
+    let (from_ms, long_ms) = (below(1500), 1 + below(longest_ms));
     let window = format!("@{from_ms}ms..{}ms", from_ms + long_ms);
     let us = [below(3000), below(30_000)];
     let time = format!("{}us..{}us", us[0].min(us[1]), us[0].max(us[1]));
@@ -289,17 +325,25 @@ fn every_script_flies_to_the_same_bits_accounts_for_its_releases_and_is_verified
         let entries = 1 + rng.next_u32() % 5;
         let scripts: Vec<String> = (0..entries).map(|_| by_chance(&mut rng)).collect();
         let scripts: Vec<&str> = scripts.iter().map(String::as_str).collect();
-        let swap = if seed % 2 == 0 { &[][..] } else { &SWAP };
-        let flags = [&["figure8-morph", "--for", "2s"], swap].concat();
+        let done: &[&str] = match rng.next_u32() % 8 {
+            0..4 => &[],
+            4 => &SWAP,
+            5 => &["--fault", "kill:attitude-mpc@1.2s"],
+            6 => &["--standby", "attitude=attitude-pid", "--fault", "kill:attitude-mpc@1.2s"],
+            _ => &["--goto", "1,0,2@800ms", "--fault", "stop:position-mpc@0.7s"],
+        };
+        let flags = [&["figure8-morph", "--for", "2s"], done].concat();
         let flown = timed(&flags, &scripts);
-        assert_eq!(flown.hash(), timed(&flags, &scripts).hash(), "{seed}: {scripts:?}");
+        assert_eq!(flown.hash(), timed(&flags, &scripts).hash(), "{seed}: {done:?} {scripts:?}");
         assert_eq!(
             (count(&flown, "dropped_samples"), count(&flown, "flown_ns")),
             (0, 2_000_000_000),
-            "{seed}: {scripts:?}"
+            "{seed}: {done:?} {scripts:?}"
         );
-        assert!(identical(&flown.recording_path()), "{seed}: {scripts:?}");
-        if !swap.is_empty() {
+        assert!(identical(&flown.recording_path()), "{seed}: {done:?} {scripts:?}");
+        // A loop that is stopped beyond the end finds more releases in the past than the flight had.
+        let end_ms = |script: &&str| script.rsplit("..").next()?.strip_suffix("ms")?.parse().ok();
+        if !done.is_empty() || scripts.iter().filter_map(end_ms).any(|end_ms: u32| end_ms > 1900) {
             continue;
         }
         // Each release was run or left out.
@@ -310,7 +354,7 @@ fn every_script_flies_to_the_same_bits_accounts_for_its_releases_and_is_verified
             assert_eq!(
                 (steps + skipped).to_bits(),
                 f64::from(releases).to_bits(),
-                "{seed}: {scripts:?}"
+                "{seed}: {done:?} {scripts:?}"
             );
         }
     }

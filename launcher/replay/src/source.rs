@@ -138,7 +138,7 @@ impl Exceptions {
     /// True if the sample came after the step at an instant, or never \[ns\].
     fn came_after(&self, writer: Writer, header: &Header, at_ns: u64) -> bool {
         let late = self.arrival_ns(writer, header.sequence).is_some_and(|step_ns| step_ns > at_ns);
-        late || self.is_lost(writer, *header)
+        late || self.is_lost(writer, *header) || self.came_too_late(writer, header)
     }
 
     /// Step at which a late sample arrived \[ns\].

@@ -23,8 +23,11 @@ pub enum TimingError {
         "it was flown in lockstep or at another speed than 1, and does not tell when its steps were due"
     )]
     NoClock,
-    /// Several processes of a slot had steps at one release.
-    #[error("{0} has had several controllers, and an entry is about one")]
+    /// The rest of the flight would be on time.
+    #[error("it is incomplete, and does not tell the time of all steps")]
+    Incomplete,
+    /// More than one process has had the steps of a role.
+    #[error("{0} was flown by several processes, and an entry is about one")]
     Several(&'static str),
 }
 
@@ -38,7 +41,11 @@ pub fn timing_of(path: &Path) -> Result<String, TimingError> {
         flight.scenario().graph().map_err(|error| TimingError::Wiring(error.to_string()))?;
     let (steps, left_out) = (BTreeMap::new(), BTreeMap::new());
     let mut stamps = Stamps { graph: &graph, steps, left_out, several: None };
-    flight.visit(&mut stamps)?;
+    let closing = flight.visit(&mut stamps)?;
+    closing.require_no_holes(path)?;
+    if !closing.complete {
+        return Err(TimingError::Incomplete);
+    }
     if let Some(role) = stamps.several {
         return Err(TimingError::Several(role.label()));
     }
@@ -111,7 +118,7 @@ impl RecordVisitor for Stamps<'_> {
             return;
         }
         let (role, header) = (self.graph.producer(&topic.info), sample.header());
-        if header.seat > 0 {
+        if header.seat > 0 || header.generation > 0 {
             self.several = Some(role);
         }
         let steps = self.steps.entry(role.label()).or_default();

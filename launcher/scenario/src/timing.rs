@@ -5,12 +5,12 @@ mod values;
 
 use super::problem::Complaint;
 use super::settings::{Clock, Settings};
-use super::{Scenario, suggest};
+use super::{Scenario, suggest, wiring};
 use crate::services::{Assignment, Loop};
 use ::timing::{LoopEffect, LoopEntry, SampleEffect, SampleEntry, Script, Window};
 use garde::Validate;
-use runtime::Graph;
 use runtime::pacing::is_timed;
+use runtime::{Graph, Rate};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use shared_types::time::ns_from_s;
@@ -181,7 +181,7 @@ impl TimingSettings {
         };
         let role = known.role();
         // By the name of its role it is about any service that fills that.
-        let own = Some(known.name).filter(|_| name.replace('_', "-") != role.label());
+        let own = Some(known.name).filter(|_| name.trim().replace('_', "-") != role.label());
         let assignment = Assignment::of(settings);
         let usual = assignment.name(role).unwrap_or(role.label());
         if own.is_some_and(|own| own != usual && settings.candidates().all(|name| name != own)) {
@@ -231,8 +231,10 @@ impl TimingSettings {
             if self.from_s.or(self.to_s).is_some() {
                 return refuse("at_s", "stands beside from_s or to_s", "write one of the two");
             }
-            let period_ns =
-                graph.node(graph.producer(topic)).map_or(1, |node| node.rate.period_ns());
+            // A sensor's topic is published less often than the plant steps.
+            let rate = wiring::sensor_rate(settings, topic);
+            let rate = rate.or_else(|| Some(graph.node(graph.producer(topic))?.rate));
+            let period_ns = rate.map_or(1, Rate::period_ns);
             let from_ns = ns_from_s(at_s);
             window = Window { from_ns, until_ns: from_ns.saturating_add(period_ns) };
         }

@@ -70,14 +70,14 @@ impl Base {
             words.extend(["--set".to_owned(), quoted(&setting)]);
         }
         words.push(format!("--seed {}", case.seed));
-        // Lockstep and processes are what a scenario flies in unless it says otherwise itself.
-        if let Ok(own) = Scenario::from_text(&self.name, &self.text, &[]) {
-            if own.settings().scenario.clock == Clock::Realtime {
-                words.push(format!("--clock {LOCKSTEP}"));
-            }
-            if !own.settings().timing.is_empty() {
-                words.push("--in-process".to_owned());
-            }
+        // Lockstep is what a scenario flies in unless it says otherwise itself.
+        let own = Scenario::from_text(&self.name, &self.text, &[]);
+        if own.is_ok_and(|scenario| scenario.settings().scenario.clock == Clock::Realtime) {
+            words.push(format!("--clock {LOCKSTEP}"));
+        }
+        let flown = self.scenario(axes, case);
+        if flown.is_ok_and(|scenario| !scenario.settings().timing.is_empty()) {
+            words.push("--in-process".to_owned());
         }
         words.join(" ")
     }
@@ -165,5 +165,9 @@ mod tests {
         let case = Case { seed: 3, values: axis.values.clone() };
         let expected = "morphquad run late.toml --set timing.0.step_s=0.012 --seed 3 --in-process";
         assert_eq!(base.command(&[axis], &case), expected);
+        let set = vec!["timing=[{ loop = \"attitude\", stopped = true }]".to_owned()];
+        let base = Base { name: "hover".into(), text: String::new(), set };
+        let command = base.command(&[], &Case { seed: 3, values: Vec::new() });
+        assert!(command.ends_with(" --seed 3 --in-process"), "{command}");
     }
 }

@@ -31,7 +31,7 @@ impl Override {
     /// `--timing RECORDING`, of which `entries` are what has been made, or why none could be.
     ///
     /// # Errors
-    /// There are none.
+    /// Why none could be.
     pub fn recorded_timing(
         argument: &str,
         entries: Result<String, String>,
@@ -71,7 +71,8 @@ fn entry_of(argument: &str) -> Option<String> {
         effect.split_once('=').map_or((effect, None), |(kind, value)| (kind, Some(value)));
     // A loop and a topic may have the same name.
     let is_topic = matches!(kind, "late" | "lost" | "duplicated");
-    let mut entry = format!("{} = {name:?}", if is_topic { "topic" } else { "loop" });
+    let quoted = toml::Value::from(name.trim());
+    let mut entry = format!("{} = {quoted}", if is_topic { "topic" } else { "loop" });
     let key = kind.replace('-', "_");
     match (kind, value) {
         ("start-late" | "step" | "late", Some(value)) => {

@@ -145,7 +145,7 @@ impl DurationSettings {
                 let weights = weights.clone().unwrap_or_else(|| vec![1.0; values_s.len()]);
                 if weights.len() != values_s.len()
                     || weights.iter().any(|weight| *weight < 0.0)
-                    || weights.iter().sum::<f64>() <= 0.0
+                    || !(f64::MIN_POSITIVE..=f64::MAX).contains(&weights.iter().sum::<f64>())
                 {
                     return refuse(
                         "each of values_s needs a weight, none of which is negative and one of which is not 0",

@@ -4,6 +4,7 @@ use core::cell::{Cell, RefCell};
 use runtime::graph::Edge;
 use runtime::{MarkView, Source};
 use shared_types::{Role, Sample, Seat};
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 use timing::{Arrival, Script};
@@ -51,7 +52,8 @@ impl Delays {
     ) -> Box<dyn Source<T>> {
         if self.script.samples().iter().any(|entry| entry.topic == topic) {
             let delays = Rc::clone(self);
-            Box::new(DelayedSource { inner, delays, reader, topic, held: VecDeque::new() })
+            let (held, releases) = (VecDeque::new(), BTreeMap::new());
+            Box::new(DelayedSource { inner, delays, reader, topic, held, releases })
         } else {
             Box::new(inner)
         }
@@ -66,6 +68,8 @@ struct DelayedSource<T, S> {
     topic: &'static str,
     /// By arrival \[ns\].
     held: VecDeque<(u64, T)>,
+    /// How many of them there are of each release \[ns\].
+    releases: BTreeMap<u64, u32>,
 }
 
 impl<T: Sample, S: Source<T>> DelayedSource<T, S> {
@@ -78,6 +82,9 @@ impl<T: Sample, S: Source<T>> DelayedSource<T, S> {
             for _ in 0..copies {
                 self.held.insert(at, (arrives_mono_ns, sample));
             }
+            if copies > 0 {
+                *self.releases.entry(header.release_ns).or_default() += copies;
+            }
         }
     }
 }
@@ -89,10 +96,17 @@ impl<T: Sample, S: Source<T>> Source<T> for DelayedSource<T, S> {
         let arrived = self.held.pop_front_if(|(arrives_ns, _)| *arrives_ns <= now_mono_ns);
         let key = (self.reader, self.topic);
         let mut on_the_way = self.delays.on_the_way.borrow_mut();
-        let oldest_ns = self.held.iter().map(|(_, sample)| sample.header().release_ns).min();
-        match (self.held.front(), oldest_ns) {
-            (Some((arrives_mono_ns, _)), Some(release_ns)) => {
-                let arrives_mono_ns = *arrives_mono_ns;
+        if let Some((_, sample)) = &arrived
+            && let Entry::Occupied(mut copies) = self.releases.entry(sample.header().release_ns)
+        {
+            *copies.get_mut() -= 1;
+            if *copies.get() == 0 {
+                copies.remove();
+            }
+        }
+        match (self.held.front(), self.releases.first_key_value()) {
+            (Some((arrives_mono_ns, _)), Some((release_ns, _))) => {
+                let (arrives_mono_ns, release_ns) = (*arrives_mono_ns, *release_ns);
                 on_the_way.insert(key, OnTheWay { arrives_mono_ns, release_ns });
             }
             _ => {

@@ -31,7 +31,7 @@ pub(super) struct Director {
     /// Everything before has been flown \[ns\].
     drained_ns: u64,
     /// Loops take time: one that is late is not waited for.
-    is_timed: bool,
+    loops_take_time: bool,
     /// What did not go as asked for.
     pub(super) notices: Vec<String>,
     /// Loops that had to be started again.
@@ -84,7 +84,7 @@ impl Director {
             host,
             allowed_ns: 0,
             drained_ns: 0,
-            is_timed: !settings.timing.is_empty(),
+            loops_take_time: !settings.timing.is_empty(),
             notices: Vec::new(),
             recovered: 0,
         })
@@ -101,10 +101,10 @@ impl Director {
     ) -> Result<bool, InProcessError> {
         let slowest_ns = loops.iter().filter(|l| l.flies()).map(|l| l.stepper.next_ns()).min();
         let slowest_ns = slowest_ns.unwrap_or(u64::MAX);
-        if slowest_ns < self.allowed_ns.min(end_ns) && !self.is_timed {
+        if slowest_ns < self.allowed_ns.min(end_ns) && !self.loops_take_time {
             return Ok(false);
         }
-        let flown_ns = if self.is_timed { self.allowed_ns } else { slowest_ns };
+        let flown_ns = if self.loops_take_time { self.allowed_ns } else { slowest_ns };
         self.drained_ns = flown_ns.max(self.drained_ns);
         if let FlightMarks::Seats(marks) = marks {
             for slot in Slot::ALL {

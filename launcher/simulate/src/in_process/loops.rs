@@ -79,7 +79,7 @@ impl Connect<'_> {
             leave_ns: u64::MAX,
             stepper: Box::new(executor),
             course: Course::default(),
-            published: None,
+            published: Published::There,
         })
     }
 }
@@ -100,8 +100,16 @@ pub(super) struct Loop {
     pub(super) stepper: Box<dyn Stepper>,
     /// What it goes through again; nothing in a flight of its own.
     pub(super) course: Course,
-    /// Its state before a step that has been computed and not published.
-    pub(super) published: Option<Vec<u8>>,
+    /// From what another can go on.
+    pub(super) published: Published,
+}
+
+/// The state after a loop's last published step.
+pub(super) enum Published {
+    /// It is there still.
+    There,
+    /// It has gone on from there; none if it had not published any step.
+    Kept(Option<Vec<u8>>),
 }
 
 impl Loop {
@@ -113,7 +121,7 @@ impl Loop {
         let period_ns = process.period_ns();
         let (stepper, course) = (Box::new(process), Course::default());
         let (waits, leave_ns) = (true, u64::MAX);
-        let (name, published) = (String::new(), None);
+        let (name, published) = (String::new(), Published::There);
         Self {
             node,
             place,
@@ -136,7 +144,10 @@ impl Loop {
 
     /// The state after its last published step, from which another may go on.
     pub(super) fn state(&mut self) -> Option<Vec<u8>> {
-        self.published.clone().or_else(|| self.stepper.state())
+        match &self.published {
+            Published::There => self.stepper.state(),
+            Published::Kept(state) => state.clone(),
+        }
     }
 
     /// Whom a script of times may name.

@@ -83,7 +83,10 @@ impl Stepper for Executor {
         true
     }
     fn finish(&mut self) {
-        Self::finish(self);
+        // One that was stopped all the time has nothing to tell.
+        if self.steps() > 0 {
+            Self::finish(self);
+        }
     }
     fn state(&mut self) -> Option<Vec<u8>> {
         Self::state(self).map(<[u8]>::to_vec)

@@ -2,7 +2,7 @@
 //! and this clock goes on to the next instant at which one of them has something to do.
 
 use super::delays::{DelayedMarks, Delays};
-use super::loops::Loop;
+use super::loops::{Loop, Published};
 use super::marks::FlightMarks;
 use super::observer::ErasedObserver;
 use runtime::Graph;
@@ -124,7 +124,7 @@ impl TimedClock {
 
     /// Lets a loop do what it would do by the wall clock at this instant.
     fn look(&mut self, turn: Turn, flying: &mut Flying<'_>) {
-        let Turn { at_ns, index, .. } = turn;
+        let Turn { at_ns, index, kind } = turn;
         let Flying { graph, end_ns, keeps_states, .. } = *flying;
         let l = &mut flying.loops[*flying.stepping];
         let (leave_ns, reader) = (l.leave_ns, l.place);
@@ -140,16 +140,23 @@ impl TimedClock {
             executor.component.receive();
         }
         let marks = DelayedMarks { marks: &*flying.marks, delays: &self.delays, reader };
-        let pacing = Pacing { graph, marks: &marks, wall: self.wall };
+        let pacing = Pacing { graph, marks: &marks, wall: self.wall, is_timed };
         let begins_ns = |at_ns: u64| self.script.begins_ns(who, at_ns, release_ns);
         match pacing.next(executor, at_ns) {
-            Next::Rest(until_ns) => self.agenda.plan(index, TurnKind::Look, begins_ns(until_ns)),
+            Next::Rest(until_ns) => self.agenda.plan(index, TurnKind::Begin, begins_ns(until_ns)),
             Next::Listen(until_ns) => {
-                let arrival_ns = self.delays.next_arrival_mono_ns(reader).unwrap_or(u64::MAX);
-                let at_ns = begins_ns(until_ns.min(arrival_ns));
+                let arrival_ns = self.delays.next_arrival_mono_ns(reader);
+                let arrival_ns = arrival_ns.filter(|at_ns| !self.script.misses_wake(who, *at_ns));
+                let at_ns = begins_ns(until_ns.min(arrival_ns.unwrap_or(u64::MAX)));
                 self.agenda.plan(index, TurnKind::Expire, at_ns);
             }
+            Next::Begin(_) if kind == TurnKind::Look && begins_ns(at_ns) > at_ns => {
+                self.agenda.plan(index, TurnKind::Begin, begins_ns(at_ns));
+            }
             Next::Begin(due_mono_ns) => {
+                if keeps_states && matches!(published, Published::There) {
+                    *published = Published::Kept(executor.state().map(<[u8]>::to_vec));
+                }
                 if is_timed {
                     executor.component.receive();
                 }
@@ -159,9 +166,6 @@ impl TimedClock {
                     return self.announce(at_ns, release_ns, flying);
                 }
                 let end_mono_ns = self.script.ends_ns(who, at_ns, release_ns);
-                if end_mono_ns > at_ns && keeps_states {
-                    *published = executor.state().map(<[u8]>::to_vec);
-                }
                 let computed = executor.compute(due_mono_ns, at_ns);
                 if end_mono_ns > at_ns {
                     self.computed[index] = Some(computed);
@@ -176,7 +180,7 @@ impl TimedClock {
     fn publish(&mut self, turn: Turn, computed: Computed, flying: &mut Flying<'_>) {
         let Turn { at_ns, index, .. } = turn;
         let l = &mut flying.loops[*flying.stepping];
-        l.published = None;
+        l.published = Published::There;
         let Some(executor) = l.stepper.executor() else { return };
         executor.publish(computed, at_ns);
         self.agenda.plan(index, TurnKind::Look, at_ns);

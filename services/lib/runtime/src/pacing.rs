@@ -32,6 +32,8 @@ pub struct Pacing<'a, M> {
     pub marks: &'a M,
     /// From logical time to the host clock.
     pub wall: WallMap,
+    /// See [`is_timed`].
+    pub is_timed: bool,
 }
 
 /// True if the clock of a role's loop starts its steps; otherwise its inputs do.
@@ -76,7 +78,7 @@ impl<M: MarkView> Pacing<'_, M> {
 
     /// Host instant until which the next release waits for inputs that are not final; 0 if it does not \[ns\].
     fn deadline_mono_ns(&self, executor: &Executor) -> u64 {
-        if is_timed(self.graph, executor.node().role) {
+        if self.is_timed {
             return 0;
         }
         let deadline_ns = self.missing(executor).map(|e| e.deadline_ns).max();

@@ -1,13 +1,15 @@
 //! Whose turn is next.
 
-/// Why a loop has its turn. At one instant those that publish come first, then those that look whether they may step, and
-/// last those whose wait is over: what is published at the end of a wait is in time.
+/// Why a loop has its turn. At one instant first those publish whose step is over, and last those step whose wait is over:
+/// what is published at the end of a wait is in time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TurnKind {
     /// Its step is over.
     Publish,
-    /// It has been woken, or its rest is over.
+    /// It has come, or has published: it may have reason to step at once, or has to rest or wait.
     Look,
+    /// It has been woken, or its rest is over.
+    Begin,
     /// It has waited long enough.
     Expire,
 }
@@ -66,7 +68,7 @@ impl Agenda {
     pub fn wake(&mut self, index: usize, at_ns: u64) {
         let waits = |turn: &Turn| turn.kind == TurnKind::Expire && at_ns <= turn.at_ns;
         if self.of(index).as_ref().is_some_and(waits) {
-            self.plan(index, TurnKind::Look, at_ns);
+            self.plan(index, TurnKind::Begin, at_ns);
         }
     }
 }

@@ -17,7 +17,7 @@ pub enum Duration {
 }
 
 impl Duration {
-    /// One of several times \[ns\], drawn as often as their weights say; the first that has a weight counts if none does.
+    /// One of several times \[ns\], drawn as often as their weights say; those without a weight are never drawn.
     #[must_use]
     pub fn weighted(values: &[(u64, f64)]) -> Self {
         let whole: f64 = values.iter().map(|(_, weight)| weight).sum();
@@ -48,16 +48,6 @@ impl Duration {
                 let drawn = values.iter().find(|(_, share)| uniform < *share);
                 drawn.or(values.last()).map_or(0, |(value_ns, _)| *value_ns)
             }
-        }
-    }
-
-    /// The longest that it can be \[ns\].
-    #[must_use]
-    pub fn most_ns(&self) -> u64 {
-        match self {
-            Self::Fixed(value_ns) => *value_ns,
-            Self::Uniform(least_ns, most_ns) => *least_ns.max(most_ns),
-            Self::Values(values) => values.iter().map(|(value_ns, _)| *value_ns).max().unwrap_or(0),
         }
     }
 }
@@ -105,6 +95,5 @@ mod tests {
     fn a_uniform_time_lies_between_its_ends() {
         let duration = Duration::Uniform(1000, 3000);
         assert_eq!([0.0, 0.25, 0.5, 1.0].map(|u| duration.draw_ns(u)), [1000, 1500, 2000, 3000]);
-        assert_eq!(duration.most_ns(), 3000);
     }
 }

@@ -247,7 +247,7 @@ impl Script {
     /// How a sample of a topic gets to its readers.
     #[must_use]
     pub fn arrival(&self, topic: &str, header: &Header) -> Arrival {
-        let mut arrival = Arrival { delay_ns: 0, copies: 1 };
+        let (mut delay_ns, mut copies, mut is_lost) = (0_u64, 1_u32, false);
         let meant =
             |entry: &&SampleEntry| entry.topic == topic && entry.window.contains(header.release_ns);
         for (number, entry) in (self.loops.len()..).zip(&self.samples) {
@@ -257,13 +257,13 @@ impl Script {
             match &entry.effect {
                 SampleEffect::Late(duration) => {
                     let late_ns = duration.draw_ns(self.uniform(number, header.release_ns));
-                    arrival.delay_ns = arrival.delay_ns.saturating_add(late_ns);
+                    delay_ns = delay_ns.saturating_add(late_ns);
                 }
-                SampleEffect::Lost => arrival.copies = 0,
-                SampleEffect::Duplicated => arrival.copies = arrival.copies.saturating_mul(2),
+                SampleEffect::Lost => is_lost = true,
+                SampleEffect::Duplicated => copies = copies.saturating_add(1),
             }
         }
-        arrival
+        Arrival { delay_ns, copies: if is_lost { 0 } else { copies } }
     }
 
     /// When a loop goes on that may be stopped at an instant \[ns\].

@@ -46,8 +46,9 @@ impl Process<'_> {
         if before_ns >= end_ns {
             return Some(Ending::Finished);
         }
-        let (due_mono_ns, start_mono_ns) = self.await_step(wall)?;
-        let pacing = Pacing { graph: &self.graph, marks: &self.marks, wall };
+        let is_timed = is_timed(&self.graph, self.seat.role);
+        let (due_mono_ns, start_mono_ns) = self.await_step(wall, is_timed)?;
+        let pacing = Pacing { graph: &self.graph, marks: &self.marks, wall, is_timed };
         if pacing.begin(&mut self.executor, start_mono_ns) {
             self.executor.run_step(StepStamps {
                 release_mono_ns: due_mono_ns,
@@ -65,18 +66,22 @@ impl Process<'_> {
     ///
     /// A loop of its own clock begins as soon as it runs, and takes its inputs in as part of the step.
     /// One that is begun by its inputs has them by then.
-    fn await_step(&mut self, wall: WallMap) -> Option<(u64, u64)> {
-        let is_timed = is_timed(&self.graph, self.seat.role);
+    fn await_step(&mut self, wall: WallMap, is_timed: bool) -> Option<(u64, u64)> {
         loop {
             if !is_timed {
                 self.read_marks(Roles::ALL, &mut Roles::default());
                 self.executor.component.receive();
             }
             let now_mono_ns = mono_now_ns();
-            let pacing = Pacing { graph: &self.graph, marks: &self.marks, wall };
+            let pacing = Pacing { graph: &self.graph, marks: &self.marks, wall, is_timed };
             match pacing.next(&self.executor, now_mono_ns) {
-                Next::Rest(due_mono_ns) if self.rest_until(due_mono_ns) => {}
-                Next::Rest(_) => return None,
+                Next::Rest(due_mono_ns) => {
+                    let is_due = self.rest_until(due_mono_ns);
+                    // One that is begun by its inputs looks around first: it has them already.
+                    if !is_due || !is_timed {
+                        return None;
+                    }
+                }
                 Next::Listen(until_mono_ns) => {
                     self.wait(Duration::from_nanos(until_mono_ns - now_mono_ns));
                     return None;

@@ -67,15 +67,16 @@ fn a_sample_is_late_lost_or_doubled_by_its_release() {
             window: window(10, 20),
             effect: SampleEffect::Late(Duration::Fixed(7)),
         },
-        SampleEntry { topic: "imu", window: window(15, 16), effect: SampleEffect::Duplicated },
+        SampleEntry { topic: "imu", window: window(15, 17), effect: SampleEffect::Duplicated },
+        SampleEntry { topic: "imu", window: window(16, 17), effect: SampleEffect::Duplicated },
         SampleEntry { topic: "imu", window: window(18, 19), effect: SampleEffect::Lost },
     ];
     let script = Script::new(1, Vec::new(), samples);
-    let arrivals = [9, 10, 15, 18, 20].map(|release_ns| {
+    let arrivals = [9, 10, 15, 16, 18, 20].map(|release_ns| {
         let Arrival { delay_ns, copies } = script.arrival("imu", &sample(release_ns));
         (delay_ns, copies)
     });
-    assert_eq!(arrivals, [(0, 1), (7, 1), (7, 2), (7, 0), (0, 1)]);
+    assert_eq!(arrivals, [(0, 1), (7, 1), (7, 2), (7, 3), (7, 0), (0, 1)]);
     assert_eq!(script.arrival("pose_fix", &sample(15)), Arrival { delay_ns: 0, copies: 1 });
 }
 
