@@ -210,9 +210,8 @@ fn check_faults(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     let end_s = settings.scenario.duration_s;
     let flown = graph.nodes().iter().map(|node| node.role).filter(|role| has_process(*role));
     let assignment = Assignment::of(settings);
-    let swaps = settings.swap.iter().map(|swap| name_of(&swap.to));
-    let standbys = settings.standby.iter().map(|standby| name_of(&standby.name));
-    let names = flown.filter_map(|role| assignment.name(role)).chain(swaps).chain(standbys);
+    let candidates = settings.candidates().map(name_of);
+    let names = flown.filter_map(|role| assignment.name(role)).chain(candidates);
     let mut known: Vec<&str> = Vec::new();
     for name in names {
         if !known.contains(&name) {

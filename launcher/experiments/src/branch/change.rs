@@ -57,8 +57,10 @@ pub enum ChangeError {
         /// Why.
         reason: &'static str,
     },
-    /// Where slots change hands.
-    #[error("--set {setting}: where slots change hands it cannot be set at a branch")]
+    /// Where slots change hands, or loops take time.
+    #[error(
+        "--set {setting}: where slots change hands or loops take time it cannot be set at a branch"
+    )]
     #[diagnostic(help(
         "swap a controller, take another seed, or fly it from the start with the setting"
     ))]

@@ -123,10 +123,10 @@ impl Plan {
         let base = reader.base(path, &document.scenario, set)?;
         let plan = Self { base, axes, seeds, out: document.out, worst: document.worst };
         let case = Case { seed: 0, values: Vec::new() };
-        let is_timed =
+        let loops_take_time =
             plan.base.scenario(&[], &case).is_ok_and(|flown| !flown.settings().timing.is_empty());
         for (key, value) in document.set.iter().chain(&document.grid) {
-            reader.refuse_elsewhere(key, value, is_timed)?;
+            reader.refuse_elsewhere(key, value, loops_take_time)?;
         }
         let count = plan.axes.iter().map(|axis| axis.values.len());
         let count = count.chain(plan.seeds.as_ref().map(Vec::len));
@@ -159,14 +159,15 @@ impl Reader<'_> {
         }
     }
 
-    /// What the loops of a flight do when they are late matters where a script makes them late, `is_timed`.
+    /// What the loops of a flight do when they are late matters where a script makes them late, `loops_take_time`.
     fn refuse_elsewhere(
         &self,
         key: &str,
         value: &Spanned<Value>,
-        is_timed: bool,
+        loops_take_time: bool,
     ) -> Result<(), FileError> {
-        let elsewhere = ELSEWHERE.iter().filter(|(outer, _)| !(is_timed && *outer == REALTIME));
+        let elsewhere =
+            ELSEWHERE.iter().filter(|(outer, _)| !(loops_take_time && *outer == REALTIME));
         let mut found = None;
         leaves(key, value.get_ref(), &mut |leaf, _| {
             let is = |outer: &str| {

@@ -276,10 +276,10 @@ impl Executor {
         self.component.parts().reseed(seed);
     }
 
-    /// The whole evolving state after the last release, as a keyframe of it would be; none before
-    /// the first, and none from which no process could go on.
+    /// The whole evolving state after the last release of this process, as a keyframe of it would be;
+    /// none before the first, and none from which no process could go on.
     pub fn state(&mut self) -> Option<&[u8]> {
-        self.previous_ns?;
+        self.previous_ns.filter(|_| !self.begins)?;
         self.packed_state(self.state_sequence)
     }
 
