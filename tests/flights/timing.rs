@@ -2,17 +2,33 @@
 //!
 //! `MORPHQUAD_ROUNDS=500 cargo test --release --test flights timing::every` flies as many scripts by chance.
 
+use crate::common::processes::{Running, kill};
 use crate::common::{Flown, fly, morphquad, rounds};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+use rustix::process::Signal;
 use serde_json::Value;
 use std::path::Path;
 
 /// Flies in one process with these scripts.
 fn timed(flags: &[&str], scripts: &[&str]) -> Flown {
+    in_processes(&[flags, &["--in-process"]].concat(), scripts)
+}
+
+/// Flies with these scripts, in processes unless the flags say otherwise.
+fn in_processes(flags: &[&str], scripts: &[&str]) -> Flown {
     let scripts = scripts.iter().flat_map(|script| ["--timing", *script]);
-    let flags: Vec<&str> = flags.iter().copied().chain(["--in-process"]).chain(scripts).collect();
+    let flags: Vec<&str> = flags.iter().copied().chain(scripts).collect();
     fly(&flags)
+}
+
+/// What a flight tells beside the time that it took.
+fn told(flown: &Flown) -> Vec<Value> {
+    let counts = ["hash", "verdict", "misses", "missed_ticks", "late_samples", "unseen_samples"];
+    let others =
+        ["safe_mode_episodes", "dropped_samples", "flown_ns", "swaps", "recovered_crashes"];
+    let told = counts.iter().chain(&others).map(|key| flown.summary()[key].clone());
+    told.chain([Value::from(flown.code)]).collect()
 }
 
 /// A number of the summary that counts.
@@ -334,6 +350,9 @@ fn every_script_flies_to_the_same_bits_accounts_for_its_releases_and_is_verified
         };
         let flags = [&["figure8-morph", "--for", "2s"], done].concat();
         let flown = timed(&flags, &scripts);
+        let of_processes = in_processes(&flags, &scripts);
+        assert_eq!(told(&of_processes), told(&flown), "{seed}: {done:?} {scripts:?}");
+        assert!(identical(&of_processes.recording_path()), "{seed}: {done:?} {scripts:?}");
         assert_eq!(flown.hash(), timed(&flags, &scripts).hash(), "{seed}: {done:?} {scripts:?}");
         assert_eq!(
             (count(&flown, "dropped_samples"), count(&flown, "flown_ns")),
@@ -358,6 +377,50 @@ fn every_script_flies_to_the_same_bits_accounts_for_its_releases_and_is_verified
             );
         }
     }
+}
+
+/// The ports of its process have room for a second of the sensors' samples.
+#[test]
+fn a_loop_that_is_stopped_for_longer_than_its_ports_have_room_loses_nothing() {
+    let flags = ["hover", "--for", "3s", "--no-record"];
+    for script in ["estimator:stopped@0.5s..2.5s", "position:stopped@0.5s..2.9s"] {
+        let flown = timed(&flags, &[script]);
+        assert_eq!(told(&in_processes(&flags, &[script])), told(&flown), "{script}");
+    }
+}
+
+/// Between two turns a process may die or stand still for as long as it likes: time waits for it, or for the one that is
+/// started in its place.
+#[test]
+fn a_process_that_dies_or_hangs_in_a_flight_by_a_script_changes_no_bit() {
+    let flags = ["hover", "--for", "4s", "--timing", "attitude:step=1ms..3ms"];
+    let undisturbed = fly(&flags);
+    let paced = [&flags[..], &["--speed", "2", "--set", "launcher.stall_timeout_s=0.5"]].concat();
+    for (name, signal) in [
+        ("estimator", Signal::KILL),
+        ("attitude-mpc", Signal::KILL),
+        ("position-mpc", Signal::STOP),
+    ] {
+        let mut running = Running::start_and_fly(&paced);
+        running.signal(name, signal);
+        let flown = running.wait();
+        assert_eq!(flown.hash(), undisturbed.hash(), "{name}: {}", flown.said());
+        assert_eq!(flown.summary()["recovered_crashes"], 1, "{name}: {}", flown.said());
+    }
+}
+
+#[test]
+fn a_flight_by_a_script_ends_in_order_when_it_is_interrupted_and_takes_orders() {
+    let flags = ["hover", "--for", "600s", "--speed", "1", "--timing", "estimator:step=0.2ms"];
+    let mut running = Running::start_and_fly(&flags);
+    let mut swap = morphquad(["swap", "--run", running.id()]);
+    let output = swap.args(["--to", "attitude-pid", "attitude"]).output().expect("it starts");
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success() && said.contains("rollback window is over"), "{said}");
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    let flown = running.wait();
+    assert_eq!((flown.code, flown.verdict()), (Some(130), "INCOMPLETE"), "{}", flown.said());
+    assert!(identical(&flown.recording_path()), "{}", flown.said());
 }
 
 #[test]

@@ -8,7 +8,9 @@ use std::fmt::Write as _;
 /// The entries as TOML, for `run --timing FILE`; loops on a second seat are left out, which no entry can name.
 #[must_use]
 pub fn entries(steps: &[(String, Steps)]) -> String {
-    let mut text = "# Measured by `morphquad bench loops`; flown by `morphquad run --in-process --timing FILE`.\n".to_owned();
+    let mut text =
+        "# Measured by `morphquad bench loops`; flown by `morphquad run --timing FILE`.\n"
+            .to_owned();
     for (name, steps) in steps.iter().filter(|(name, _)| !name.contains('@')) {
         for (key, series) in [("start_late_s", &steps.begin), ("step_s", &steps.compute)] {
             if !series.is_empty() {

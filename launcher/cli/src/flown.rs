@@ -138,7 +138,6 @@ pub(super) fn summary(flown: Result<Summary, RunError>) -> Result<Summary, Failu
             RunError::Interrupted => exit::INTERRUPTED,
             RunError::NoSuchProcessor { .. }
             | RunError::RealtimeInProcess
-            | RunError::TimingInProcesses
             | RunError::ScriptInProcess(_) => exit::USAGE,
             RunError::NotServed { exit_code, .. } => exit_code,
             _ => exit::UNFIT,

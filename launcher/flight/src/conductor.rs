@@ -14,6 +14,8 @@ pub(super) struct Conductor {
     speed: Speed,
     duration_ns: u64,
     credit_ns: u64,
+    /// Host instant from which a flight in lockstep is held to a pace \[ns\].
+    paced_from_ns: u64,
 }
 
 impl Conductor {
@@ -31,7 +33,8 @@ impl Conductor {
             ..ClockRecord::default()
         };
         let sink = bus.open_writer(ServiceKind::Clock)?;
-        Ok(Self { sink, record, speed, duration_ns, credit_ns: credit_ns(graph) })
+        let credit_ns = credit_ns(graph);
+        Ok(Self { sink, record, speed, duration_ns, credit_ns, paced_from_ns: 0 })
     }
 
     /// Goes on with the time of a launcher that has died.
@@ -59,6 +62,7 @@ impl Conductor {
     /// Starts the flight: logical time 0 is at `start_mono_ns`; allowed time ends at `cap_ns`.
     pub(super) fn start(&mut self, start_mono_ns: u64, cap_ns: u64) {
         self.record.start_mono_ns = start_mono_ns;
+        self.paced_from_ns = start_mono_ns;
         self.record.started = Flag::Yes;
         self.record.allowed_ns = if self.record.mode == ClockMode::Lockstep {
             self.credit_ns.min(cap_ns)
@@ -95,6 +99,26 @@ impl Conductor {
         self.record.end_ns < self.duration_ns
     }
 
+    /// Lockstep: how far time may be at a host instant, if it is held to a pace \[ns\].
+    pub(super) fn paced_ns(&self, now_mono_ns: u64) -> u64 {
+        let Speed::Times(times) = self.speed else { return u64::MAX };
+        let elapsed_ns = now_mono_ns.saturating_sub(self.paced_from_ns) as f64 * times;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+        let paced_ns = elapsed_ns as u64;
+        paced_ns
+    }
+
+    /// Holds it to its pace from a host instant that is not on the flight's clock \[ns\].
+    pub(super) fn pace_from(&mut self, from_mono_ns: u64) {
+        self.paced_from_ns = from_mono_ns;
+    }
+
+    /// Allows time up to an instant of a flight whose clock this launcher moves \[ns\].
+    pub(super) fn allow(&mut self, allowed_ns: u64) {
+        self.record.allowed_ns = allowed_ns;
+        self.sink.send(&self.record);
+    }
+
     /// Lockstep: extends allowed time to what has been drained plus the credit, once half of the
     /// credit is used up, and never beyond `cap_ns`. True if all processes should be woken.
     pub(super) fn extend(&mut self, drained_ns: u64, cap_ns: u64, now_mono_ns: u64) -> bool {
@@ -103,11 +127,8 @@ impl Conductor {
         }
         let mut allowed_ns = drained_ns.saturating_add(self.credit_ns);
         let mut step_ns = self.credit_ns / 2;
-        if let Speed::Times(times) = self.speed {
-            let elapsed_ns = now_mono_ns.saturating_sub(self.record.start_mono_ns) as f64 * times;
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
-            let paced_ns = elapsed_ns as u64;
-            allowed_ns = allowed_ns.min(paced_ns);
+        if let Speed::Times(_) = self.speed {
+            allowed_ns = allowed_ns.min(self.paced_ns(now_mono_ns));
             step_ns = step_ns.min(5_000_000);
         }
         // The last bit before the cap may be as short as it is.

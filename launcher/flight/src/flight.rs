@@ -1,11 +1,12 @@
 //! One flight from founding its run to its last word.
 //!
 //! `start.rs` starts it, `adopt.rs` takes it over while it flies, `finish.rs` has the last word;
-//! `watch.rs` is what the main loop looks at besides.
+//! `watch.rs` is what the main loop looks at besides, `timed.rs` how one goes on whose clock it moves.
 
 mod adopt;
 mod finish;
 mod start;
+mod timed;
 mod watch;
 
 pub use adopt::{AdoptError, AdoptOptions, adopt};
@@ -44,6 +45,7 @@ use slot::supervisor::Now;
 use std::thread::JoinHandle;
 use swap::services::{HeldServices, Wakers};
 use swap::{FlightError, Script, SlotContext, Slots};
+use timed::Timed;
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
@@ -71,14 +73,7 @@ enum Outcome {
 /// # Errors
 /// [`RunError`] if the flight never started; what happens in flight is in the summary.
 pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
-    require_own_time(options)?;
     fly(options, None).map(|(summary, _)| summary)
-}
-
-/// Refuses a script of what processes take by themselves.
-fn require_own_time(options: &RunOptions) -> Result<(), RunError> {
-    let is_timed = !options.scenario.settings().timing.is_empty();
-    if is_timed { Err(RunError::TimingInProcesses) } else { Ok(()) }
 }
 
 /// As [`run`], and keeps the stamps of every sample.
@@ -89,7 +84,6 @@ pub fn run_measured(
     options: &RunOptions,
     stopwatch: Stopwatch,
 ) -> Result<(Summary, Stopwatch), RunError> {
-    require_own_time(options)?;
     let (summary, stopwatch) = fly(options, Some(stopwatch))?;
     Ok((summary, stopwatch.unwrap_or_default()))
 }
@@ -173,6 +167,8 @@ struct Flight {
     script: Script,
     orders: Planner,
     conductor: Conductor,
+    /// Of a flight whose clock this launcher moves.
+    timed: Option<Timed>,
     tap: Tap,
     wakers: Wakers,
     pilot: Option<JoinHandle<PilotEnd>>,
@@ -225,7 +221,7 @@ impl Flight {
                 return Outcome::Lost(error.to_string());
             }
             let cap_ns = self.cap_ns(self.conductor.allowed_ns());
-            if self.conductor.extend(drained, cap_ns, now_ns) {
+            if self.timed.is_none() && self.conductor.extend(drained, cap_ns, now_ns) {
                 self.wakers.wake_all();
             }
             self.conductor.serve_late_joiners();
@@ -267,7 +263,11 @@ impl Flight {
                 return Outcome::Lost(error.to_string());
             }
             self.look_at_files(now_ns);
-            sleep_until(now_ns + self.look_every_ns());
+            if self.timed.is_some() {
+                self.give_turns(now_ns);
+            } else {
+                sleep_until(now_ns + self.look_every_ns());
+            }
         }
     }
 
@@ -306,7 +306,7 @@ impl Flight {
         let slots = &self.slots;
         let keeps = |seat: Seat| slots.keeps(seat);
         self.supervisor.look_after(&self.bus, &mut self.tap, &keeps, now_ns)?;
-        self.tend_slots(now_ns)
+        if self.is_amid_a_stretch() { Ok(()) } else { self.tend_slots(now_ns) }
     }
 
     /// Gives the slots what has happened, and passes on what they say.
@@ -316,7 +316,8 @@ impl Flight {
 
     /// Does what the script has for now; a process that dies of it is reaped before time goes on.
     fn follow_script(&mut self, now_mono_ns: u64) -> Result<(), FlightError> {
-        if !self.script.is_due(&self.slots, self.logical_now(now_mono_ns)) {
+        let is_due = self.script.is_due(&self.slots, self.logical_now(now_mono_ns));
+        if !is_due || self.is_amid_a_stretch() {
             return Ok(());
         }
         let is_lockstep = self.conductor.mode() == ClockMode::Lockstep;
@@ -413,6 +414,12 @@ impl Flight {
 
     /// Instant through which all processes are final and drained \[ns\].
     fn drained_ns(&mut self) -> u64 {
+        if self.timed.is_some() {
+            if !self.is_amid_a_stretch() {
+                self.drained_ns = self.drained_ns.max(self.conductor.allowed_ns());
+            }
+            return self.drained_ns;
+        }
         let slowest_ns = self.supervisor.present().map(|entry| self.mark_of(entry)).min();
         // A process that goes on from a predecessor's state begins below what has long been drained.
         self.drained_ns = slowest_ns.unwrap_or(0).max(self.drained_ns);

@@ -15,6 +15,7 @@ mod rehearser;
 mod stall;
 mod supervisor;
 pub mod tap;
+mod turns;
 mod viewer_process;
 
 pub use flight::{AdoptError, AdoptOptions, adopt, run, run_measured};

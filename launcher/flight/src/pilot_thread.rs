@@ -4,7 +4,7 @@ use host::realtime::Setup;
 use host::{fly_component, name_thread, stay_on};
 use runtime::ipc::Bus;
 use runtime::watch::StopFlags;
-use runtime::{Component, Ending, Executor, Graph, Place};
+use runtime::{Component, Ending, Executor, Graph, Place, Timing};
 use scenario::Scenario;
 use scenario::services::Assignment;
 use shared_types::Role;
@@ -29,6 +29,7 @@ struct FlyPilot<'a> {
     stop: StopFlags,
     entry: Entry,
     setup: Option<Setup>,
+    timing: Option<Timing>,
 }
 
 impl FlyPilot<'_> {
@@ -50,7 +51,8 @@ impl FlyPilot<'_> {
             let _ = Setup { lock_memory: false, ..setup }.apply();
             Ok(())
         };
-        fly_component(self.bus, self.graph, self.stop, executor, (await_handover, prepare))
+        let flown = (executor, self.timing);
+        fly_component(self.bus, self.graph, self.stop, flown, (await_handover, prepare))
             .map_err(|error| error.to_string())
     }
 }
@@ -75,6 +77,7 @@ pub(super) fn start(
         let component =
             components::build(&Assignment::of(scenario.settings()), Role::Pilot, &scenario)
                 .map_err(|error| error.to_string())?;
-        FlyPilot { bus: &bus, graph, stop, entry, setup }.fly(component)
+        let timing = scenario.timing().map(|script| Timing::new(script, Role::Pilot.label()));
+        FlyPilot { bus: &bus, graph, stop, entry, setup, timing }.fly(component)
     })
 }

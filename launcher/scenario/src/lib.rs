@@ -247,6 +247,7 @@ impl Scenario {
             start_yaw_rad: self.start_yaw_rad(),
             vehicle: &self.modelled_vehicle(),
             graph: &graph,
+            timing: self.timing(),
         }))
     }
 

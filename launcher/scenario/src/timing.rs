@@ -203,7 +203,12 @@ impl TimingSettings {
         if self.at_s.is_some() {
             return refuse("at_s", "is about one sample of a topic", "write from_s and to_s");
         }
-        Ok(Entry::Loop(LoopEntry { role, name: own, window: self.window(settings)?, effect }))
+        Ok(Entry::Loop(LoopEntry {
+            role,
+            name: own.map(str::to_owned),
+            window: self.window(settings)?,
+            effect,
+        }))
     }
 
     fn of_a_topic(
@@ -238,7 +243,7 @@ impl TimingSettings {
             let from_ns = ns_from_s(at_s);
             window = Window { from_ns, until_ns: from_ns.saturating_add(period_ns) };
         }
-        Ok(Entry::Samples(SampleEntry { topic: topic.name, window, effect }))
+        Ok(Entry::Samples(SampleEntry { topic: topic.name.to_owned(), window, effect }))
     }
 
     fn window(&self, settings: &Settings) -> Result<Window, Refusal> {

@@ -145,9 +145,6 @@ pub enum RunError {
         "--clock realtime needs processes, whose waiting and lateness it is about: leave --in-process away, or pace the same flight with --clock lockstep --speed 1"
     )]
     RealtimeInProcess,
-    /// Time as a script has it, with processes, which take the time that they take.
-    #[error("[[timing]] is flown without processes: add --in-process")]
-    TimingInProcesses,
     /// A script for processes, without processes.
     #[error("--in-process: {0}")]
     ScriptInProcess(InProcessError),

@@ -39,6 +39,8 @@ pub struct Post {
     pub died: (u32, u64),
     /// It waits for a hand-over before it begins.
     pub awaits_handover: bool,
+    /// It has been told where to begin.
+    handed_over: bool,
     /// Its successor goes on from its last state, and no process is told.
     pub goes_on: bool,
     /// It has been killed on purpose.
@@ -70,6 +72,7 @@ impl Post {
             restart_at_ns: None,
             died: (0, 0),
             awaits_handover: false,
+            handed_over: false,
             goes_on: true,
             scripted: false,
             layout: 0,
@@ -88,7 +91,7 @@ impl Post {
         let child = RunningChild::start(&self.spec, folder, place, awaits_handover)?;
         self.started = process_start(child.pid()).unwrap_or(0);
         self.child = Some(child);
-        self.awaits_handover = awaits_handover;
+        (self.awaits_handover, self.handed_over) = (awaits_handover, false);
         self.ready = false;
         self.standstill = None;
         Ok(())
@@ -103,8 +106,15 @@ impl Post {
         is_own
     }
 
+    /// True of a process that is there and begins with the flight, or has been told where to begin.
+    #[must_use]
+    pub fn flies(&self) -> bool {
+        self.child.is_some() && self.ready && (self.handed_over || !self.awaits_handover)
+    }
+
     /// Lets a process that waits for it begin.
     pub fn hand_over(&mut self, order: Handover, state: &[u8]) {
+        self.handed_over = true;
         let header = Header { generation: self.generation, ..Header::default() };
         let mut bytes = vec![0; Handover::PACKED_SIZE];
         order.pack(&mut bytes);

@@ -13,7 +13,7 @@ pub(super) const EXAMPLES: &str = "Examples:
   morphquad bench loops figure8-morph --rate attitude=500 --for 60s --policy fifo --html bench.html
   morphquad bench loops figure8-morph --rate attitude=500 --asap
   morphquad bench loops --save before.json
-  morphquad bench loops --out machine.toml && morphquad run --in-process --timing machine.toml
+  morphquad bench loops --out machine.toml && morphquad run --timing machine.toml
   morphquad bench loops --compare before.json --gate p99:+10% --gate lateness.p99:1.2x --gate held
   morphquad bench rate --loop attitude-mpc --for 10s
   morphquad bench hop --for 5s

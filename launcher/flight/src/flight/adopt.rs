@@ -239,6 +239,8 @@ impl Flight {
             live,
             stop,
             takes_all,
+            // No launcher goes on with a lockstep flight.
+            timed: None,
         };
         Ok(Self::of(prepared, options)?)
     }

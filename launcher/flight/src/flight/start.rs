@@ -1,5 +1,6 @@
 //! How a flight starts.
 
+use super::timed::Timed;
 use super::{Flight, LOOK_EVERY_NS};
 use crate::checkpoint::CheckpointWriter;
 use crate::conductor::Conductor;
@@ -11,6 +12,7 @@ use crate::rehearser::Rehearser;
 use crate::stall::Newcomers;
 use crate::supervisor::{RestartPolicy, Supervisor};
 use crate::tap::Tap;
+use crate::turns::Turns;
 use host::realtime::may_lock_memory;
 use observe::Metrics;
 use record::Recorder;
@@ -18,6 +20,7 @@ use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, LatestPort, ServiceKind};
 use runtime::namespace::{BASE, Membership};
+use runtime::timed::START_MONO_NS;
 use runtime::watch::StopFlags;
 use scenario::Scenario;
 use scenario::needs::{LOCKED_MEMORY_MB, instance_mb, locks};
@@ -52,6 +55,7 @@ pub(super) struct Prepared {
     pub(super) stop: StopFlags,
     /// Of [`takes_all_memory`].
     pub(super) takes_all: bool,
+    pub(super) timed: Option<Timed>,
 }
 
 /// What a scenario says about crashes.
@@ -92,6 +96,8 @@ impl Flight {
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
         bus.lead()?;
         let services = HeldServices::create(&bus)?;
+        let turns = scenario.timing().map(|script| Turns::create(&bus, script)).transpose()?;
+        let timed = turns.map(Timed::new);
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
         let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
         let cpu = pinned_cpu(options.pin, clock_of(scenario));
@@ -129,6 +135,7 @@ impl Flight {
             live,
             stop,
             takes_all,
+            timed,
         };
         Self::of(prepared, options)
     }
@@ -146,6 +153,7 @@ impl Flight {
             mut live,
             stop,
             takes_all,
+            timed,
         } = prepared;
         let settings = options.scenario.settings();
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
@@ -160,6 +168,7 @@ impl Flight {
         Ok(Self {
             tap: Tap::open(&bus, &graph, sinks)?,
             conductor,
+            timed,
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,
             slots,
@@ -191,6 +200,16 @@ impl Flight {
             progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),
             notices: Vec::new(),
         })
+    }
+
+    fn start_clock(&mut self, start_ns: u64) {
+        if self.timed.is_some() {
+            self.conductor.start(START_MONO_NS, 0);
+            self.conductor.pace_from(start_ns);
+        } else {
+            let cap_ns = self.cap_ns(u64::MAX);
+            self.conductor.start(start_ns, cap_ns);
+        }
     }
 
     /// Starts all processes and waits until they are ready, then starts the clock.
@@ -249,8 +268,7 @@ impl Flight {
         if let Some(recording) = &mut self.tap.sinks.recording {
             recording.set_start(start_ns);
         }
-        let cap_ns = self.cap_ns(u64::MAX);
-        self.conductor.start(start_ns, cap_ns);
+        self.start_clock(start_ns);
         self.begun = (0, start_ns);
         if let Some(stopwatch) = &mut self.tap.sinks.stopwatch {
             stopwatch.started(start_ns);

@@ -1,6 +1,7 @@
 //! What the main loop looks at besides: unregistered publishers, loops that stand still, what is to be told.
 
 use super::Flight;
+use super::timed::Timed;
 use crate::stall::{StallCheck, stalled};
 use record::Severity;
 use runtime::namespace::{BASE, Reservation};
@@ -143,6 +144,7 @@ impl Flight {
         let marks = present.iter().map(|entry| self.mark_of(entry));
         // So does arriving: a process may take long to start while time is held for it.
         let known = allowed_ns.wrapping_add(present.len() as u64);
+        let known = known.wrapping_add(self.timed.as_ref().map_or(0, Timed::taken));
         let total = marks.fold(known, u64::wrapping_add);
         if !realtime && total != self.progress_at.1 {
             self.progress_at = (now_ns, total);
@@ -158,7 +160,11 @@ impl Flight {
                 lag_ns: self.lag_limit_ns,
             };
             let marks = &self.tap.marks;
-            let mut stalled = stalled(self.conductor.record(), &self.graph, &present, marks, check);
+            let mut stalled = match &self.timed {
+                // One at a time has its turn, and all others wait for that one.
+                Some(timed) => awaited(timed, &present),
+                None => stalled(self.conductor.record(), &self.graph, &present, marks, check),
+            };
             if !realtime {
                 stalled = self.newcomers.excuse(stalled, marks);
             }
@@ -210,4 +216,10 @@ impl Flight {
             None => write(),
         }
     }
+}
+
+/// The process that an answer is awaited from.
+fn awaited(timed: &Timed, present: &[RegistryEntry]) -> Vec<RegistryEntry> {
+    let Some(Seat { role, index }) = timed.awaited() else { return Vec::new() };
+    present.iter().filter(|entry| (entry.role, entry.seat) == (role, index)).copied().collect()
 }

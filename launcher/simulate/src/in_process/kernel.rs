@@ -59,10 +59,11 @@ impl Kernel {
     ) -> Result<Self, InProcessError> {
         let graph = scenario.graph()?;
         let assignment = Assignment::of(scenario.settings());
-        let scripted = scenario.settings().is_scripted() && from.is_none();
+        let timing = scenario.timing();
+        // By a script of times too: an owner that takes its time may be given up by its consumers.
+        let scripted = scenario.settings().is_more_than_states() && from.is_none();
         let watch =
             scripted.then(|| Rc::new(RefCell::new(SlotWatch::new(&scenario.modelled_vehicle()))));
-        let timing = scenario.timing();
         if timing.is_some() && from.is_some() {
             return Err(InProcessError::TimingResumed);
         }

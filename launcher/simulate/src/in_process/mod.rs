@@ -9,7 +9,6 @@
 
 mod checkpoint;
 mod compare;
-mod delays;
 mod director;
 mod error;
 mod kernel;

@@ -370,6 +370,10 @@ impl Posts for Seats<'_> {
             self.host.events.push(PostEvent::Gone { place, exit_reason: None });
         } else if let Some(at) = self.at(place) {
             let mut l = self.loops.remove(at);
+            if l.stepper.next_ns() >= self.host.scenario.duration_ns() {
+                // It has flown to the end, where a process has told its totals already.
+                l.stepper.finish();
+            }
             self.host.keep_last_state(&mut l);
             self.host.reap(l, self.marks);
         }

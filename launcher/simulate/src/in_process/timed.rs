@@ -1,21 +1,18 @@
 //! A flight whose loops and samples take the time that a script says: each loop decides as it does by the wall clock,
 //! and this clock goes on to the next instant at which one of them has something to do.
 
-use super::delays::{DelayedMarks, Delays};
 use super::loops::{Loop, Published};
 use super::marks::FlightMarks;
 use super::observer::ErasedObserver;
 use runtime::Graph;
 use runtime::clock::WallMap;
-use runtime::executor::Computed;
-use runtime::pacing::{Next, Pacing, is_timed, take_effect_when_published};
-use shared_types::{ClockRecord, Seat};
+use runtime::delays::Delays;
+use runtime::pacing::take_effect_when_published;
+use runtime::timed::{self, Around, START_MONO_NS, TimedLoop};
+use shared_types::Seat;
 use std::rc::Rc;
 use swap::FAULT;
-use timing::{Agenda, Script, Turn, TurnKind, Who};
-
-/// Logical time 0 on this clock: sources work ahead of the start \[ns\].
-const START_MONO_NS: u64 = 10_000_000_000;
+use timing::{Agenda, Answer, Script, Turn};
 
 /// The clock, and whose turn is when.
 pub(super) struct TimedClock {
@@ -23,10 +20,7 @@ pub(super) struct TimedClock {
     pub(super) delays: Rc<Delays>,
     /// By [`Seat::number`], as all that is told of a loop here.
     agenda: Agenda,
-    /// Steps that have been computed and not published.
-    computed: [Option<Computed>; Seat::COUNT],
-    /// Generation of the loop on a seat.
-    there: [Option<u32>; Seat::COUNT],
+    loops: [Option<TimedLoop>; Seat::COUNT],
     wall: WallMap,
     now_mono_ns: u64,
     /// What of the script has not begun, the earliest last: from when \[ns\], and what.
@@ -57,15 +51,12 @@ impl TimedClock {
         let mut to_come = script.told();
         to_come.reverse();
         let script = Rc::new(script.on_clock(START_MONO_NS));
-        let start =
-            ClockRecord { start_mono_ns: START_MONO_NS, speed: 1.0, ..ClockRecord::default() };
         Self {
             delays: Rc::new(Delays::new(Rc::clone(&script))),
             script,
             agenda: Agenda::for_loops(Seat::COUNT),
-            computed: [None; Seat::COUNT],
-            there: [None; Seat::COUNT],
-            wall: WallMap::new(&start),
+            loops: [const { None }; Seat::COUNT],
+            wall: timed::wall(),
             now_mono_ns: 0,
             to_come,
             observer,
@@ -84,11 +75,11 @@ impl TimedClock {
             };
             *flying.stepping = at;
             self.now_mono_ns = turn.at_ns;
-            self.delays.move_to(turn.at_ns);
             self.tell_until(turn.at_ns);
-            match (turn.kind, self.computed[turn.index].take()) {
-                (TurnKind::Publish, Some(computed)) => self.publish(turn, computed, flying),
-                _ => self.look(turn, flying),
+            let answer = self.take_turn(turn, flying);
+            self.agenda.go_on(turn.index, answer.next);
+            if let Some(before_ns) = answer.announced_from_ns {
+                self.announce(turn.at_ns, before_ns, flying);
             }
         }
         self.now_mono_ns = self.now_mono_ns.max(self.wall.mono_ns(t_ns.min(flying.end_ns)));
@@ -102,15 +93,15 @@ impl TimedClock {
     /// Gives a first turn to each loop that has come.
     fn admit(&mut self, flying: &mut Flying<'_>) {
         for l in flying.loops.iter_mut().filter(|l| l.flies()) {
-            let (index, generation) = (number(l), l.generation);
-            if self.there[index].replace(generation) == Some(generation) {
+            let index = number(l);
+            if !self.agenda.admit(index, l.generation, self.now_mono_ns) {
                 continue;
             }
             if let Some(executor) = l.stepper.executor() {
                 take_effect_when_published(executor, flying.graph, self.wall);
             }
-            self.computed[index] = None;
-            self.agenda.plan(index, TurnKind::Look, self.now_mono_ns);
+            let timed = TimedLoop::new(Rc::clone(&self.script), Rc::clone(&self.delays));
+            self.loops[index] = Some(timed);
         }
     }
 
@@ -123,68 +114,24 @@ impl TimedClock {
     }
 
     /// Lets a loop do what it would do by the wall clock at this instant.
-    fn look(&mut self, turn: Turn, flying: &mut Flying<'_>) {
-        let Turn { at_ns, index, kind } = turn;
+    fn take_turn(&mut self, turn: Turn, flying: &mut Flying<'_>) -> Answer {
         let Flying { graph, end_ns, keeps_states, .. } = *flying;
         let l = &mut flying.loops[*flying.stepping];
-        let (leave_ns, reader) = (l.leave_ns, l.place);
-        let Loop { stepper, published, name, .. } = l;
-        let who = Who { role: reader.role, name: name.as_str() };
-        let Some(executor) = stepper.executor() else { return self.agenda.end(index) };
-        let release_ns = executor.mark_ns();
-        if release_ns >= end_ns.min(leave_ns) {
-            return self.agenda.end(index);
-        }
-        let is_timed = is_timed(graph, who.role);
-        if !is_timed {
-            executor.component.receive();
-        }
-        let marks = DelayedMarks { marks: &*flying.marks, delays: &self.delays, reader };
-        let pacing = Pacing { graph, marks: &marks, wall: self.wall, is_timed };
-        let begins_ns = |at_ns: u64| self.script.begins_ns(who, at_ns, release_ns);
-        match pacing.next(executor, at_ns) {
-            Next::Rest(until_ns) => self.agenda.plan(index, TurnKind::Begin, begins_ns(until_ns)),
-            Next::Listen(until_ns) => {
-                let arrival_ns = self.delays.next_arrival_mono_ns(reader);
-                let arrival_ns = arrival_ns.filter(|at_ns| !self.script.misses_wake(who, *at_ns));
-                let at_ns = begins_ns(until_ns.min(arrival_ns.unwrap_or(u64::MAX)));
-                self.agenda.plan(index, TurnKind::Expire, at_ns);
+        let Loop { stepper, published, name, place, leave_ns, .. } = l;
+        let last = Answer { next: None, announced_from_ns: None, mark_ns: stepper.next_ns() };
+        let timed = self.loops[turn.index].as_mut();
+        let Some((timed, executor)) = timed.zip(stepper.executor()) else { return last };
+        let (end_ns, steps) = (end_ns.min(*leave_ns), executor.steps());
+        let around = Around { graph, marks: &*flying.marks, seat: *place, name, end_ns };
+        let answer = timed.take_turn((turn.at_ns, turn.kind), executor, &around, |executor| {
+            if keeps_states && matches!(published, Published::There) {
+                *published = Published::Kept(executor.state().map(<[u8]>::to_vec));
             }
-            Next::Begin(_) if kind == TurnKind::Look && begins_ns(at_ns) > at_ns => {
-                self.agenda.plan(index, TurnKind::Begin, begins_ns(at_ns));
-            }
-            Next::Begin(due_mono_ns) => {
-                if keeps_states && matches!(published, Published::There) {
-                    *published = Published::Kept(executor.state().map(<[u8]>::to_vec));
-                }
-                if is_timed {
-                    executor.component.receive();
-                }
-                if !pacing.begin(executor, at_ns) {
-                    // A release that was skipped is final too.
-                    self.agenda.plan(index, TurnKind::Look, at_ns);
-                    return self.announce(at_ns, release_ns, flying);
-                }
-                let end_mono_ns = self.script.ends_ns(who, at_ns, release_ns);
-                let computed = executor.compute(due_mono_ns, at_ns);
-                if end_mono_ns > at_ns {
-                    self.computed[index] = Some(computed);
-                    self.agenda.plan(index, TurnKind::Publish, end_mono_ns);
-                } else {
-                    self.publish(turn, computed, flying);
-                }
-            }
+        });
+        if executor.steps() > steps {
+            *published = Published::There;
         }
-    }
-
-    fn publish(&mut self, turn: Turn, computed: Computed, flying: &mut Flying<'_>) {
-        let Turn { at_ns, index, .. } = turn;
-        let l = &mut flying.loops[*flying.stepping];
-        l.published = Published::There;
-        let Some(executor) = l.stepper.executor() else { return };
-        executor.publish(computed, at_ns);
-        self.agenda.plan(index, TurnKind::Look, at_ns);
-        self.announce(at_ns, computed.release_ns(), flying);
+        answer
     }
 
     /// Lets the others know how far a loop has got, and wakes those whose next release this may unblock.
@@ -193,10 +140,11 @@ impl TimedClock {
         let (place, generation, mark_ns) = (l.place, l.generation, l.stepper.next_ns());
         flying.marks.advance(place, generation, mark_ns);
         for role in flying.graph.wakes(place.role, before_ns, mark_ns) {
-            let woken = flying.loops.iter().filter(|l| l.node.role == role);
-            for l in woken.filter(|l| !self.script.misses_wake(l.who(), at_ns)) {
-                let begins_ns = self.script.begins_ns(l.who(), at_ns, l.stepper.next_ns());
-                self.agenda.wake(number(l), begins_ns);
+            for l in flying.loops.iter().filter(|l| l.node.role == role) {
+                let woken_ns = self.script.woken_ns(l.who(), at_ns, l.stepper.next_ns());
+                if let Some(at_ns) = woken_ns {
+                    self.agenda.wake(number(l), at_ns);
+                }
             }
         }
     }

@@ -1,9 +1,9 @@
 //! Topics as queues: every writer to every reader, in order, with room for a whole flight's worst.
 
-use super::delays::Delays;
 use super::observer::{ErasedObserver, SampleTap, SampleTaps};
 use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
+use runtime::delays::Delays;
 use runtime::graph::{Edge, READER_CAPACITY};
 use runtime::{Executor, Graph, Input, InputVisitor, Output, OutputVisitor, Sink, Source};
 use shared_types::{Header, NO_SEAT, OwnerRecord, Sample, Seat, Slot, SlotSpec, Topic, topics};

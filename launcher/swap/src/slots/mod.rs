@@ -214,7 +214,8 @@ impl Slots {
     }
 
     /// Lockstep: time stands still until a process has come, or a candidate has been judged.
-    pub(super) fn holds_time(&self) -> bool {
+    #[must_use]
+    pub fn holds_time(&self) -> bool {
         let waits = self.machines.values().any(slot::SlotMachine::holds_time);
         self.mode == ClockMode::Lockstep && waits
     }

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use shared_types::{Role, TopicInfo};
 use std::io;
 use std::path::Path;
+use timing::Script;
 use vehicle::{Geometry, Quadratic, VehicleParameters};
 
 /// The file's name in the run's folder.
@@ -34,6 +35,8 @@ pub struct Flight {
     loops: Vec<Loop>,
     /// Who waits for whom, and how old what arrives is.
     edges: Vec<Arrow>,
+    /// What happens to the time of loops and samples, on a clock that the launcher moves.
+    pub timing: Option<Script>,
 }
 
 /// How a flight's clock runs.
@@ -63,6 +66,8 @@ pub struct Facts<'a> {
     pub vehicle: &'a VehicleParameters,
     /// Loops and arrows.
     pub graph: &'a Graph,
+    /// See [`Flight::timing`].
+    pub timing: Option<Script>,
 }
 
 /// A loop's share of the machine.
@@ -132,7 +137,8 @@ impl Flight {
     /// Describes a flight.
     #[must_use]
     pub fn new(facts: Facts) -> Self {
-        let Facts { clock, grace_s, start_yaw_rad, realtime, claims, vehicle, graph } = facts;
+        let Facts { clock, grace_s, start_yaw_rad, realtime, claims, vehicle, graph, timing } =
+            facts;
         let of_node = |node: &Node| {
             let own = claims.iter().find(|(role, _)| *role == node.role);
             Loop::new(node, own.map(|(_, claim)| claim.clone()).unwrap_or_default())
@@ -145,6 +151,7 @@ impl Flight {
             vehicle: vehicle.into(),
             loops: graph.nodes().iter().map(of_node).collect(),
             edges: graph.edges().iter().map(Arrow::from).collect(),
+            timing,
         }
     }
 
@@ -345,6 +352,7 @@ impl From<Vehicle> for VehicleParameters {
 mod tests {
     use super::*;
     use shared_types::topics;
+    use timing::{SampleEffect, SampleEntry, Window};
 
     /// A third of a millisecond has no short decimal form.
     fn flight() -> (Flight, Graph, VehicleParameters) {
@@ -368,6 +376,12 @@ mod tests {
         let geometry = Geometry { arm_length_m: Quadratic::constant(0.1), ..Geometry::default() };
         let vehicle =
             VehicleParameters { mass_kg: 0.1 + 0.2, geometry, ..VehicleParameters::default() };
+        let sample = SampleEntry {
+            topic: topics::IMU.info.name.to_owned(),
+            window: Window { from_ns: 3, until_ns: u64::MAX },
+            effect: SampleEffect::Lost,
+        };
+        let script = Script::new(7, Vec::new(), vec![sample]);
         let facts = Facts {
             clock: Clock::Realtime,
             grace_s: 2.0,
@@ -381,6 +395,7 @@ mod tests {
             claims: &[(Role::Attitude, Claim { priority: 12, budget_share: 0.25, cpus: vec![1] })],
             vehicle: &vehicle,
             graph: &graph,
+            timing: Some(script),
         };
         (Flight::new(facts), graph, vehicle)
     }

@@ -8,7 +8,7 @@ use runtime::connect::connect;
 use runtime::ipc::Bus;
 use runtime::namespace::Membership;
 use runtime::watch::{LauncherNews, StopFlags};
-use runtime::{Component, Ending, Executor, Graph, Node, Process};
+use runtime::{Component, Ending, Executor, Graph, Node, Process, Timing};
 use rustix::process::{Signal, getpid, kill_process};
 use shared_types::Role;
 use std::io::{self, Write as _};
@@ -33,6 +33,7 @@ pub struct Joined {
     node: Node,
     stop: StopFlags,
     arguments: PlaceArguments,
+    name: String,
     /// Declared last, dropped last: the last process to leave wipes the run's folder, and by then its
     /// own ports must be closed.
     _membership: Membership,
@@ -75,7 +76,8 @@ impl Joined {
         let bus = Bus::join(&membership.ipc_config(), name)?;
         let graph = flight.graph()?;
         let node = *graph.node(role).ok_or(HostError::NoSuchLoop(role.label()))?;
-        Ok(Self { bus, flight, graph, node, stop, arguments, _membership: membership })
+        let name = name.to_owned();
+        Ok(Self { bus, flight, graph, node, stop, arguments, name, _membership: membership })
     }
 
     /// The flight that it takes part in.
@@ -89,7 +91,7 @@ impl Joined {
     /// # Errors
     /// The component is of another slot, a port cannot be had, or the hand-over fails.
     pub fn fly(self, component: Component) -> Result<Ending, HostError> {
-        let Self { bus, flight, graph, node, stop, arguments, .. } = &self;
+        let Self { bus, flight, graph, node, stop, arguments, name, .. } = &self;
         let executor = Executor::new(component, *node, arguments.place());
         // A processor that the command line has named stays.
         let setup = flight.setup(node.role).map(|setup| Setup {
@@ -105,7 +107,8 @@ impl Joined {
             }
         };
         let (graph, stop) = (graph.clone(), stop.clone());
-        fly_component(bus, graph, stop, executor, (arguments.await_handover, prepare))
+        let timing = flight.timing.clone().map(|script| Timing::new(script, name));
+        fly_component(bus, graph, stop, (executor, timing), (arguments.await_handover, prepare))
     }
 }
 
@@ -148,12 +151,15 @@ pub fn fly_component(
     bus: &Bus,
     graph: Graph,
     stop: StopFlags,
-    mut executor: Executor,
+    (mut executor, timing): (Executor, Option<Timing>),
     (await_handover, prepare): (bool, impl FnOnce() -> Result<(), HostError>),
 ) -> Result<Ending, HostError> {
     refuse_other_outputs(&executor, &graph)?;
-    connect(bus, &graph, &mut executor)?;
+    connect(bus, &graph, &mut executor, timing.as_ref())?;
     let mut process = Process::open(bus, executor, graph, stop)?;
+    if let Some(timing) = timing {
+        process.take_turns(timing)?;
+    }
     prepare()?;
     // Held until the end: a dropped writer's last sample may not have been read yet.
     let _hello = process.say_hello()?;

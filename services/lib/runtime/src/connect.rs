@@ -2,15 +2,17 @@
 
 use crate::executor::Executor;
 use crate::graph::{Edge, Graph};
-use crate::input::{Input, InputVisitor};
+use crate::input::{Input, InputVisitor, Source};
 use crate::ipc::{Bus, PortError};
 use crate::output::{Output, OutputVisitor};
-use shared_types::{Role, Sample, Topic, topics};
+use crate::process::Timing;
+use shared_types::{Sample, Seat, Topic, topics};
 
 struct Readers<'a> {
     bus: &'a Bus,
     graph: &'a Graph,
-    role: Role,
+    seat: Seat,
+    timing: Option<&'a Timing>,
 }
 
 impl InputVisitor for Readers<'_> {
@@ -20,9 +22,16 @@ impl InputVisitor for Readers<'_> {
         topic: &'static Topic<T>,
         input: &mut Input<T>,
     ) -> Result<(), PortError> {
-        let edge = self.graph.edge(&topic.info, self.role).copied();
-        let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role));
-        input.connect(Box::new(self.bus.reader(topic, edge.from)?), Some(edge));
+        let edge = self.graph.edge(&topic.info, self.seat.role).copied();
+        let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.seat.role));
+        let port = self.bus.reader(topic, edge.from)?;
+        let source: Box<dyn Source<T>> = match self.timing {
+            Some(Timing { delays, collector, .. }) => {
+                delays.delay((self.seat, topic.info.name), collector.source(port))
+            }
+            None => Box::new(port),
+        };
+        input.connect(source, Some(edge));
         Ok(())
     }
 }
@@ -45,13 +54,18 @@ impl OutputVisitor for Writers<'_> {
     }
 }
 
-/// Opens every declared port.
+/// Opens every declared port, of a loop whose time and samples' time a script may say.
 ///
 /// # Errors
 /// The first port that cannot be had.
-pub fn connect(bus: &Bus, graph: &Graph, executor: &mut Executor) -> Result<(), PortError> {
-    let role = executor.node().role;
-    executor.component.visit_inputs(&mut Readers { bus, graph, role })?;
+pub fn connect(
+    bus: &Bus,
+    graph: &Graph,
+    executor: &mut Executor,
+    timing: Option<&Timing>,
+) -> Result<(), PortError> {
+    let seat = Seat { role: executor.node().role, index: executor.place().seat };
+    executor.component.visit_inputs(&mut Readers { bus, graph, seat, timing })?;
     executor.component.visit_outputs(&mut Writers { bus, graph })?;
     executor.stats.connect(Box::new(bus.writer(&topics::LOOP_STATS)?), 0);
     executor.deviations.connect(Box::new(bus.writer(&topics::DEVIATION)?), 0);

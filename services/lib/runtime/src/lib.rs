@@ -9,8 +9,10 @@
 
 pub mod arbiter;
 pub mod clock;
+mod collector;
 pub mod component;
 pub mod connect;
+pub mod delays;
 mod deviations;
 pub mod executor;
 pub mod graph;
@@ -28,6 +30,7 @@ pub mod rate;
 mod seat_marks;
 pub mod service;
 mod state_header;
+pub mod timed;
 pub mod upkeep;
 mod wakes;
 pub mod watch;
@@ -41,7 +44,7 @@ pub use graph::{Graph, GraphError, Marks, MissPolicy, Node};
 pub use input::{Input, InputCounts, InputSet, InputVisitor, Link, Source};
 pub use output::{Output, OutputSet, OutputVisitor, Sink};
 pub use ownership::MarkView;
-pub use process::{Ending, Process, ProcessError};
+pub use process::{Ending, Process, ProcessError, Timing};
 pub use rate::{Rate, RateError};
 pub use seat_marks::SeatMarks;
 pub use service::{Layout, RestoreError, Service};

@@ -1,16 +1,21 @@
 //! The loop of a real process: waits for permission, runs whole intervals, says how far it got.
 //!
-//! `lockstep.rs` and `realtime.rs` are the two clocks, `surroundings.rs` is whom it waits for and wakes.
+//! `lockstep.rs` and `realtime.rs` are the two clocks, `timed.rs` is one that the launcher moves, `surroundings.rs` is
+//! whom it waits for and wakes.
 
 mod lockstep;
 mod realtime;
 mod surroundings;
+mod timed;
+
+pub use timed::Timing;
 
 use crate::clock::{WallMap, mono_now_ns};
 use crate::executor::Executor;
 use crate::graph::Graph;
 use crate::ipc::{
-    Bus, IpcSink, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber, WakeListener,
+    Bus, IpcSink, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber, TurnTaker,
+    WakeListener,
 };
 use crate::output::Sink as _;
 use crate::pacing::WAIT_LIMIT_NS;
@@ -85,6 +90,8 @@ pub struct Process<'a> {
     /// Who was there at the last look.
     registered: u64,
     timed_out: bool,
+    /// The time that it takes, if a script says so, and who says when it has its turn.
+    turns: Option<(Timing, TurnTaker)>,
 }
 
 impl core::fmt::Debug for Process<'_> {
@@ -133,7 +140,18 @@ impl<'a> Process<'a> {
             upkeep: Upkeep::of_this_thread(),
             registered: 0,
             timed_out: false,
+            turns: None,
         })
+    }
+
+    /// Lets it take its turns on a clock that the launcher moves.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn take_turns(&mut self, timing: Timing) -> Result<(), PortError> {
+        let turns = TurnTaker::open(self.bus, self.seat, self.executor.place().generation)?;
+        self.turns = Some((timing, turns));
+        Ok(())
     }
 
     /// Tells the supervisor that all ports are open.
@@ -194,15 +212,25 @@ impl<'a> Process<'a> {
         };
         self.look_around();
         self.publish_progress();
-        let ending = if record.mode == ClockMode::Lockstep {
+        let turns = self.turns.take();
+        let is_timed = turns.is_some();
+        let ending = if let Some((timing, turns)) = turns {
+            self.run_timed(&timing, &turns)
+        } else if record.mode == ClockMode::Lockstep {
             self.run_lockstep()
         } else {
             self.run_realtime(WallMap::new(&record))
         };
-        self.executor.finish();
+        // One that a script has stopped all the time has nothing to tell.
+        if !is_timed || self.executor.steps() > 0 {
+            self.executor.finish();
+        }
         if ending == Ending::Finished {
             // Nothing will ever follow: a process that still waits for this one need not.
-            self.announce(self.executor.mark_ns(), u64::MAX);
+            // On a clock that the launcher moves it is waited for as long as it would be by the wall clock.
+            if !is_timed {
+                self.announce(self.executor.mark_ns(), u64::MAX);
+            }
             // Without a launcher no process is left that could say so, and none that listens.
             while self.stop_requested().is_none()
                 && !self.read_clock().may_leave.is_set()

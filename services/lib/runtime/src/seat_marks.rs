@@ -38,6 +38,12 @@ impl SeatMarks {
         self.books.get_mut(role.index())
     }
 
+    /// The same, to be read.
+    #[must_use]
+    pub fn book_of(&self, role: Role) -> Option<&SlotBook> {
+        self.books.get(role.index())
+    }
+
     /// True if a consumer of the role may have to wait for this seat.
     #[must_use]
     pub fn concerns(&self, role: Role, seat: u32) -> bool {

@@ -25,17 +25,30 @@ pub struct Turn {
     pub index: usize,
 }
 
+/// What a loop has made of its turn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Answer {
+    /// Its next turn, and when \[ns\]; none if it has had its last.
+    pub next: Option<(TurnKind, u64)>,
+    /// Until then the others knew that it had got, if it has told them that it has got further \[ns\].
+    pub announced_from_ns: Option<u64>,
+    /// How far it has got \[ns\].
+    pub mark_ns: u64,
+}
+
 /// The next turn of each loop.
 #[derive(Debug, Clone, Default)]
 pub struct Agenda {
     turns: Vec<Option<Turn>>,
+    /// Which process of its seat each is, of those that have come.
+    there: Vec<Option<u32>>,
 }
 
 impl Agenda {
     /// For so many loops, none of which has a turn.
     #[must_use]
     pub fn for_loops(loops: usize) -> Self {
-        Self { turns: vec![None; loops] }
+        Self { turns: vec![None; loops], there: vec![None; loops] }
     }
 
     /// The next turn of all; none if no loop has one.
@@ -48,6 +61,24 @@ impl Agenda {
     #[must_use]
     pub fn of(&self, index: usize) -> Option<Turn> {
         self.turns.get(index).copied().flatten()
+    }
+
+    /// Gives a loop its first turn if it has come since the last time, as this process of its seat; false if it has not.
+    pub fn admit(&mut self, index: usize, generation: u32, now_ns: u64) -> bool {
+        let Some(there) = self.there.get_mut(index) else { return false };
+        let is_new = there.replace(generation) != Some(generation);
+        if is_new {
+            self.plan(index, TurnKind::Look, now_ns);
+        }
+        is_new
+    }
+
+    /// Gives a loop its next turn, or none any more.
+    pub fn go_on(&mut self, index: usize, next: Option<(TurnKind, u64)>) {
+        match next {
+            Some((kind, at_ns)) => self.plan(index, kind, at_ns),
+            None => self.end(index),
+        }
     }
 
     /// Gives a loop its next turn.
@@ -91,6 +122,19 @@ mod tests {
             agenda.end(turn.index);
         }
         assert_eq!(order, [1, 2, 0, 3]);
+    }
+
+    #[test]
+    fn a_loop_gets_its_first_turn_once_and_its_successor_one_of_its_own() {
+        let mut agenda = Agenda::for_loops(2);
+        assert!(agenda.admit(1, 0, 5) && !agenda.admit(2, 0, 5));
+        agenda.go_on(1, None);
+        assert!(!agenda.admit(1, 0, 6));
+        assert_eq!(agenda.next(), None);
+        assert!(agenda.admit(1, 1, 7));
+        assert_eq!(agenda.next(), Some(Turn { at_ns: 7, kind: TurnKind::Look, index: 1 }));
+        agenda.go_on(1, Some((TurnKind::Expire, 9)));
+        assert_eq!(agenda.next(), Some(Turn { at_ns: 9, kind: TurnKind::Expire, index: 1 }));
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! How long something takes: always the same, or drawn.
 
 use core::fmt;
+use serde::{Deserialize, Serialize};
 
 /// Most values that are told one by one.
 const TOLD: usize = 4;
 
 /// How long something takes.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Duration {
     /// Always this \[ns\].
     Fixed(u64),

@@ -13,7 +13,7 @@ mod agenda;
 mod duration;
 mod script;
 
-pub use agenda::{Agenda, Turn, TurnKind};
+pub use agenda::{Agenda, Answer, Turn, TurnKind};
 pub use duration::Duration;
 pub use script::{
     Arrival, LoopEffect, LoopEntry, RecordedStep, SampleEffect, SampleEntry, Script, Who, Window,

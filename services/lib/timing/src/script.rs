@@ -3,15 +3,17 @@
 use crate::duration::Duration;
 use core::fmt;
 use noise::{Noise, Source};
+use serde::{Deserialize, Serialize};
 use shared_types::{Header, Role};
 use std::collections::BTreeMap;
 
 /// From one instant to right before another.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Window {
     /// First instant \[ns\].
     pub from_ns: u64,
-    /// First instant after it \[ns\].
+    /// First instant after it; `u64::MAX`, which no file of the run can tell, if there is none \[ns\].
+    #[serde(default = "no_end", skip_serializing_if = "is_no_end")]
     pub until_ns: u64,
 }
 
@@ -24,7 +26,7 @@ impl Window {
 }
 
 /// What happens to the time of a loop.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum LoopEffect {
     /// It begins so much later than its clock or its inputs would have it begin.
     StartLate(Duration),
@@ -36,7 +38,7 @@ pub enum LoopEffect {
     WakeMissed,
     /// Its steps begin when they began in another flight, by their releases \[ns\], or later if they have no reason to until
     /// then, and take as long. Of one of which nothing is known nothing is changed.
-    Recorded(BTreeMap<u64, RecordedStep>),
+    Recorded(#[serde(with = "steps")] BTreeMap<u64, RecordedStep>),
 }
 
 /// A step of another flight.
@@ -58,12 +60,13 @@ pub struct Who<'a> {
 }
 
 /// One entry about a loop.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LoopEntry {
     /// Its role.
+    #[serde(with = "by_label")]
     pub role: Role,
     /// Name of the service that it is about alone; any that fills the role if none.
-    pub name: Option<&'static str>,
+    pub name: Option<String>,
     /// From when to when.
     pub window: Window,
     /// What.
@@ -72,12 +75,12 @@ pub struct LoopEntry {
 
 impl LoopEntry {
     fn is_about(&self, who: Who<'_>) -> bool {
-        self.role == who.role && self.name.is_none_or(|name| name == who.name)
+        self.role == who.role && self.name.as_ref().is_none_or(|name| name == who.name)
     }
 }
 
 /// What happens to the samples of a topic.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum SampleEffect {
     /// They arrive so much later.
     Late(Duration),
@@ -88,10 +91,10 @@ pub enum SampleEffect {
 }
 
 /// One entry about a topic.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SampleEntry {
     /// Its name.
-    pub topic: &'static str,
+    pub topic: String,
     /// Releases of the samples.
     pub window: Window,
     /// What.
@@ -111,7 +114,7 @@ impl fmt::Display for Window {
 impl fmt::Display for LoopEntry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { role, name, window, effect } = self;
-        let name = name.unwrap_or(role.label());
+        let name = name.as_deref().unwrap_or(role.label());
         match effect {
             LoopEffect::StartLate(late) => write!(f, "{name} begins {late} late"),
             LoopEffect::Step(step) => write!(f, "{name} takes {step} for a step"),
@@ -151,7 +154,7 @@ pub struct Arrival {
 }
 
 /// Everything that happens to the time of a flight. Entries of one kind that overlap add up.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Script {
     seed: u64,
     loops: Vec<LoopEntry>,
@@ -236,6 +239,12 @@ impl Script {
             at_ns = self.goes_on_ns(who, stop_ns);
         }
         at_ns.saturating_add(left_ns)
+    }
+
+    /// When a loop whose next release is given begins that is woken at `at_ns`; none if the wake-up is lost \[ns\].
+    #[must_use]
+    pub fn woken_ns(&self, who: Who<'_>, at_ns: u64, release_ns: u64) -> Option<u64> {
+        (!self.misses_wake(who, at_ns)).then(|| self.begins_ns(who, at_ns, release_ns))
     }
 
     /// True if a wake-up of a loop is lost at an instant.
@@ -327,6 +336,58 @@ impl Script {
         let mut noise = Noise::new(self.seed, Source::TIMING, number as u64);
         noise.seek(release_ns);
         noise.uniform()
+    }
+}
+
+fn no_end() -> u64 {
+    u64::MAX
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
+fn is_no_end(until_ns: &u64) -> bool {
+    *until_ns == u64::MAX
+}
+
+/// Roles by their labels.
+mod by_label {
+    use serde::de::Error as _;
+    use serde::{Deserialize, Deserializer, Serializer};
+    use shared_types::Role;
+
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
+    pub(super) fn serialize<S: Serializer>(role: &Role, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_str(role.label())
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Role, D::Error> {
+        let label = String::deserialize(from)?;
+        let role = Role::STEPPING.into_iter().find(|role| role.label() == label);
+        role.ok_or_else(|| D::Error::custom(format!("no loop is called {label}")))
+    }
+}
+
+/// Recorded steps as `[release_ns, begin_ns, step_ns]`, because keys of a file are text.
+mod steps {
+    use super::RecordedStep;
+    use serde::{Deserialize, Deserializer, Serializer};
+    use std::collections::BTreeMap;
+
+    pub(super) fn serialize<S: Serializer>(
+        steps: &BTreeMap<u64, RecordedStep>,
+        to: S,
+    ) -> Result<S::Ok, S::Error> {
+        to.collect_seq(
+            steps.iter().map(|(release_ns, step)| (release_ns, step.begin_ns, step.step_ns)),
+        )
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+        from: D,
+    ) -> Result<BTreeMap<u64, RecordedStep>, D::Error> {
+        let steps = Vec::<(u64, i64, u64)>::deserialize(from)?.into_iter();
+        let step =
+            |(release_ns, begin_ns, step_ns)| (release_ns, RecordedStep { begin_ns, step_ns });
+        Ok(steps.map(step).collect())
     }
 }
 

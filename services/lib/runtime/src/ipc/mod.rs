@@ -11,6 +11,7 @@ mod payload;
 mod ports;
 mod registry;
 mod state;
+mod turns;
 mod wake;
 
 pub use bare::{BareEvents, BareListener, BareNotifier, BareReader, BareWriter};
@@ -19,6 +20,7 @@ pub use ports::{IpcSink, IpcSource, LatestPort, TopicFactory};
 pub use registry::Stray;
 use registry::{Authority, SharedRegistry};
 pub use state::{StatePublisher, StateService, StateSubscriber};
+pub use turns::{NumberedAnswer, NumberedOrder, Order, TurnGiver, TurnTaker};
 pub use wake::{WakeListener, WakeNotifier};
 
 use crate::graph::READER_CAPACITY;

@@ -48,7 +48,7 @@ fn an_entry_is_about_all_of_a_role_or_about_one_service() {
     let other = Who { name: "attitude-pid", ..WHO };
     let begins = |script: Script| [WHO, other].map(|who| script.begins_ns(who, 5, 0));
     assert_eq!(begins(of_loops(vec![stop.clone()])), [10, 10]);
-    let named = LoopEntry { name: Some("attitude-pid"), ..stop };
+    let named = LoopEntry { name: Some("attitude-pid".to_owned()), ..stop };
     assert_eq!(begins(of_loops(vec![named])), [5, 10]);
 }
 
@@ -63,13 +63,21 @@ fn entries_of_one_kind_that_overlap_add_up() {
 fn a_sample_is_late_lost_or_doubled_by_its_release() {
     let samples = vec![
         SampleEntry {
-            topic: "imu",
+            topic: "imu".to_owned(),
             window: window(10, 20),
             effect: SampleEffect::Late(Duration::Fixed(7)),
         },
-        SampleEntry { topic: "imu", window: window(15, 17), effect: SampleEffect::Duplicated },
-        SampleEntry { topic: "imu", window: window(16, 17), effect: SampleEffect::Duplicated },
-        SampleEntry { topic: "imu", window: window(18, 19), effect: SampleEffect::Lost },
+        SampleEntry {
+            topic: "imu".to_owned(),
+            window: window(15, 17),
+            effect: SampleEffect::Duplicated,
+        },
+        SampleEntry {
+            topic: "imu".to_owned(),
+            window: window(16, 17),
+            effect: SampleEffect::Duplicated,
+        },
+        SampleEntry { topic: "imu".to_owned(), window: window(18, 19), effect: SampleEffect::Lost },
     ];
     let script = Script::new(1, Vec::new(), samples);
     let arrivals = [9, 10, 15, 16, 18, 20].map(|release_ns| {
@@ -95,7 +103,8 @@ fn draws_depend_on_seed_entry_and_release_alone() {
 
 #[test]
 fn a_clock_that_begins_elsewhere_moves_windows_of_loops_and_no_release() {
-    let lost = SampleEntry { topic: "imu", window: window(0, 10), effect: SampleEffect::Lost };
+    let lost =
+        SampleEntry { topic: "imu".to_owned(), window: window(0, 10), effect: SampleEffect::Lost };
     let stop = entry(window(0, 10), LoopEffect::Stopped);
     let script = Script::new(1, vec![stop], vec![lost]).on_clock(1000);
     assert_eq!([5, 1005].map(|at_ns| script.begins_ns(WHO, at_ns, 0)), [5, 1010]);
@@ -137,4 +146,30 @@ proptest! {
         }
         prop_assert_eq!(script.ends_ns(WHO, start_ns, 0), end_ns);
     }
+}
+
+#[test]
+fn a_script_that_a_process_reads_is_the_one_that_was_written_for_it() {
+    let step = RecordedStep { begin_ns: -3, step_ns: 7 };
+    let effects = [
+        LoopEffect::StartLate(Duration::Uniform(0, 1_000)),
+        LoopEffect::Step(Duration::weighted(&[(1, 0.1), (2, 0.2), (12_000_000, 0.7)])),
+        LoopEffect::Recorded(BTreeMap::from([(0, step), (10_000_000, step)])),
+        LoopEffect::Stopped,
+        LoopEffect::WakeMissed,
+    ];
+    let no_end = Window { from_ns: 5, until_ns: u64::MAX };
+    let mut loops: Vec<_> = effects.map(|effect| entry(window(3, 9), effect)).into();
+    loops.push(LoopEntry {
+        name: Some("attitude-pid".to_owned()),
+        window: no_end,
+        ..loops[3].clone()
+    });
+    let samples =
+        [SampleEffect::Late(Duration::Fixed(4)), SampleEffect::Lost, SampleEffect::Duplicated];
+    let samples =
+        samples.map(|effect| SampleEntry { topic: "imu".to_owned(), window: no_end, effect });
+    let script = Script::new(7, loops, samples.into());
+    let text = toml::to_string(&script).unwrap();
+    assert_eq!(toml::from_str::<Script>(&text).unwrap(), script, "{text}");
 }

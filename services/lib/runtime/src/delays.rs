@@ -1,8 +1,9 @@
-//! Samples that arrive when a script says, on a clock that the flight moves.
+//! Samples that arrive when a script says, on a clock that a conductor moves.
 
+use crate::graph::Edge;
+use crate::input::Source;
+use crate::ownership::MarkView;
 use core::cell::{Cell, RefCell};
-use runtime::graph::Edge;
-use runtime::{MarkView, Source};
 use shared_types::{Role, Sample, Seat};
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, VecDeque};
@@ -20,7 +21,7 @@ struct OnTheWay {
 
 /// What is on the way to whom.
 #[derive(Debug)]
-pub(super) struct Delays {
+pub struct Delays {
     script: Rc<Script>,
     now_mono_ns: Cell<u64>,
     /// By reader and topic.
@@ -28,24 +29,27 @@ pub(super) struct Delays {
 }
 
 impl Delays {
-    pub(super) fn new(script: Rc<Script>) -> Self {
+    /// Of what a script on that clock says, before anything has been sent.
+    #[must_use]
+    pub fn new(script: Rc<Script>) -> Self {
         Self { script, now_mono_ns: Cell::new(0), on_the_way: RefCell::default() }
     }
 
     /// Moves the clock \[ns\].
-    pub(super) fn move_to(&self, now_mono_ns: u64) {
+    pub fn move_to(&self, now_mono_ns: u64) {
         self.now_mono_ns.set(now_mono_ns);
     }
 
     /// When the next sample arrives that a loop has not received \[ns\].
-    pub(super) fn next_arrival_mono_ns(&self, reader: Seat) -> Option<u64> {
+    #[must_use]
+    pub fn next_arrival_mono_ns(&self, reader: Seat) -> Option<u64> {
         let on_the_way = self.on_the_way.borrow();
         let of_reader = on_the_way.iter().filter(|((seat, _), _)| *seat == reader);
         of_reader.map(|(_, samples)| samples.arrives_mono_ns).min()
     }
 
     /// What `inner` gives, as it arrives at a loop.
-    pub(super) fn delay<T: Sample>(
+    pub fn delay<T: Sample>(
         self: &Rc<Self>,
         (reader, topic): (Seat, &'static str),
         inner: impl Source<T> + 'static,
@@ -118,10 +122,14 @@ impl<T: Sample, S: Source<T>> Source<T> for DelayedSource<T, S> {
 }
 
 /// How far producers have got for one reader: a mark promises no sample that is still on the way.
-pub(super) struct DelayedMarks<'a, M> {
-    pub(super) marks: &'a M,
-    pub(super) delays: &'a Delays,
-    pub(super) reader: Seat,
+#[derive(Debug)]
+pub struct DelayedMarks<'a, M> {
+    /// As they have been announced.
+    pub marks: &'a M,
+    /// What is on the way.
+    pub delays: &'a Delays,
+    /// The loop.
+    pub reader: Seat,
 }
 
 impl<M: MarkView> MarkView for DelayedMarks<'_, M> {
