@@ -1,13 +1,11 @@
 //! A realtime flight whose launcher is killed goes on: alone for a grace, then under the next launcher, or
 //! down to the ground. All of it by the wall clock, so only survival and order are asserted.
-//!
-//! `cargo test --release --test flights adopt -- --ignored --nocapture` prints how long fail-overs took.
 
 use crate::common::misdeeds::{config, rogue};
+use crate::common::morphquad;
 use crate::common::processes::{Running, kill, left_in_shared_memory, processes_of, ps};
-use crate::common::recording::{Recording, Row};
+use crate::common::recording::Recording;
 use crate::common::time::{host_s, pause_ms, wait_for, wait_until};
-use crate::common::{distance, euler_rad, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
@@ -51,9 +49,6 @@ impl Drop for GroupMember {
         let _ = self.0.wait();
     }
 }
-
-/// Who stands still is killed as soon as by default.
-const LAG: [&str; 2] = ["--set", "launcher.lag_timeout_s=0.3"];
 
 fn realtime(more: &[&str]) -> Running {
     Running::start_and_fly(&[&["hover", "--clock", "realtime"], more].concat())
@@ -334,80 +329,4 @@ fn an_adopted_flight_ends_as_planned() {
     assert!(matches!(code, Some(0 | 1)), "{code:?} {said}");
     assert_eq!(summary["ended"], "as planned", "{summary} {said}");
     assert!(summary["flown_s"].as_f64() >= Some(15.0), "{summary}");
-}
-
-/// Who commanded, instant by instant: seat and mode of the gate.
-fn applied(recording: &Recording) -> Vec<Row> {
-    recording.series("applied_command", &["seat", "mode"])
-}
-
-/// True if a row begins with this seat.
-fn is(row: &Row, seat: f64) -> bool {
-    (row.values[0] - seat).abs() < 0.5
-}
-
-/// From the last command of a seat that fell silent to the first one of another that was applied, at
-/// `taken_s` \[control periods\].
-fn silence_periods(recording: &Recording, lost: f64, taken_s: f64) -> f64 {
-    let commands = recording.series("wrench_command", &["header.seat"]);
-    let by_lost = commands.iter().filter(|row| is(row, lost) && row.t_s < taken_s);
-    (taken_s - by_lost.map(|row| row.t_s).fold(0.0, f64::max)) / 0.01
-}
-
-fn assert_it_stayed_in_its_place(recording: &Recording) {
-    let positions = recording.series("truth", &["position_w_m"]);
-    let start = &positions[0].values;
-    let worst = positions.iter().map(|row| distance(&row.values, start)).fold(0.0, f64::max);
-    assert!(worst <= 0.5, "{worst} m from where it hovered");
-}
-
-#[test]
-#[ignore = "soak: a busy machine keeps a standby from its inputs, and the vehicle from its place"]
-fn an_owner_that_dies_or_stops_is_followed_by_its_standby_before_the_gate_levels() {
-    for signal in [Signal::KILL, Signal::STOP] {
-        // Slowly: to a machine that stops for milliseconds, a control period is long.
-        let mut running = realtime(&[&["--speed", "0.3", "--for", "6s"][..], &LAG].concat());
-        let run = running.id().to_owned();
-        stand_by(&run);
-        let (owner, seat) = in_attitude(&run, "owner").expect("an owner");
-        strike(owner, signal);
-        let flown = running.wait();
-        assert_eq!(flown.word("ended"), "as planned", "{}", flown.said());
-        let recording = flown.recording();
-        let lost = seat as f64;
-        let rows = applied(&recording);
-        // It may have the slot again later, started anew, if the machine stands still.
-        let first = rows.iter().position(|row| is(row, lost)).expect("it commanded");
-        let is_another = |row: &&Row| row.values[0] >= 0.0 && row.values[0] < 4.0 && !is(row, lost);
-        let taken = rows[first..].iter().find(is_another);
-        let taken = taken.unwrap_or_else(|| panic!("no other took over: {}", flown.said()));
-        let periods = silence_periods(&recording, lost, taken.t_s);
-        println!(
-            "{signal:?}: the standby commands {periods:.2} control periods after the last command"
-        );
-        assert_it_stayed_in_its_place(&recording);
-    }
-}
-
-#[test]
-#[ignore = "soak: the vehicle leaves its place if the successor has to wait for a processor"]
-fn an_owner_without_a_standby_is_started_again_while_the_gate_holds_and_levels() {
-    for signal in [Signal::KILL, Signal::STOP] {
-        let mut running = realtime(&[&["--for", "3s"][..], &LAG].concat());
-        running.signal("attitude-mpc", signal);
-        let flown = running.wait();
-        assert_eq!(flown.word("ended"), "as planned", "{}", flown.said());
-        assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.said());
-        let recording = flown.recording();
-        let rows = applied(&recording);
-        let away = rows.iter().filter(|row| row.values[1] != 0.0).count();
-        let attitudes = recording.series("truth", &["q_wb"]);
-        let tilts = attitudes.iter().map(|row| {
-            let [roll, pitch, _] = euler_rad(&row.values);
-            roll.abs().max(pitch.abs())
-        });
-        let tilt_rad = tilts.fold(0.0, f64::max);
-        println!("{signal:?}: {away} ms on hold or level, tilted by {tilt_rad:.3} rad at most");
-        assert_it_stayed_in_its_place(&recording);
-    }
 }

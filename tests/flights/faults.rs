@@ -311,24 +311,6 @@ fn a_realtime_flight_goes_on_after_the_deaths_of_all_processes_but_the_plant() {
     assert!(flown.recording().count_messages_of_a_complete_file() > 100);
 }
 
-#[test]
-#[ignore = "soak: the vehicle leaves its place if the successor has to wait for a processor"]
-fn a_realtime_flight_stays_in_its_place_after_a_death() {
-    for (index, victim) in MORTALS.into_iter().enumerate() {
-        for round in 0..rounds(1) {
-            let mut running = in_realtime("3s", &[]);
-            let moment = |running: &Running| random_moment(running, round * 5 + index, 1.0);
-            strike(&running, &[victim], Signal::KILL, moment);
-            let flown = running.wait();
-            assert_recovered(&flown, victim, "killed by signal 9");
-            assert!(flown.number("flown_s") >= 3.0, "{}", flown.said());
-            println!("{victim}: at most {} m away", flown.number("position_max_m"));
-            assert!(flown.number("position_max_m") < 1.0, "{}", flown.said());
-            assert!(flown.number("position_last_second_m") < 0.3, "{}", flown.said());
-        }
-    }
-}
-
 /// Time is held for a candidate that has joined; how long that takes by the wall clock is nothing to it.
 #[test]
 #[ignore = "soak: a launcher is stopped for six seconds by the wall clock"]

@@ -1,13 +1,10 @@
 //! The gate, on the controllers that are shipped: each may take over from each, in quiet and in rough
 //! flight, after short shadows and long ones. `tests/flights/refusals.rs` has those who may not.
-//!
-//! `cargo test --release --test flights gate -- --ignored --nocapture` flies them all by the wall clock
-//! too, for minutes.
 
 use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{Running, kill};
 use crate::common::time::{wait_for, wait_until};
-use crate::common::{controllers, fly, morphquad, rounds};
+use crate::common::{controllers, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 use shared_types::Slot;
@@ -29,7 +26,7 @@ fn swap(scenario: &[&str], (slot, owner, to): (&str, &str, &str), how: &str) -> 
     let (assignment, swap) = (format!("{slot}={owner}"), format!("{slot}={to}@{how}"));
     let flags = ["--no-record", "--controller", &assignment, "--swap", &swap];
     // Those that hover change hands between processes; one process flies the others with the same bits.
-    let alone = scenario[0] != "hover" && !scenario.contains(&"realtime");
+    let alone = scenario[0] != "hover";
     let alone: &[&str] = if alone || how.ends_with("shadow=30s") { &["--in-process"] } else { &[] };
     let flown = fly(&[scenario, &flags, alone].concat());
     let report = flown.summary()["swaps"][0].clone();
@@ -67,18 +64,6 @@ fn a_shadow_of_half_a_minute_and_one_at_another_rate_may_take_over() {
     }
     for to in controllers(Slot::Position) {
         swap(&["hover", "--for", "33s"], ("position", "position-mpc", to), "1s,shadow=30s");
-    }
-}
-
-#[test]
-#[ignore = "soak: a busy machine keeps a candidate from its inputs, and the admission check refuses it"]
-fn every_controller_may_take_over_from_every_other_in_realtime() {
-    for _ in 0..rounds(1) {
-        for pair in pairs() {
-            for scenario in ["hover", "figure8-morph"] {
-                swap(&[scenario, "--clock", "realtime", "--for", "5s"], pair, "1s");
-            }
-        }
     }
 }
 

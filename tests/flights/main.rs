@@ -17,6 +17,7 @@ mod doctor;
 mod faults;
 mod gate;
 mod in_process;
+mod late_owners;
 mod live;
 mod lives;
 mod lockstep;

@@ -4,8 +4,9 @@
 
 use crate::common::processes::Running;
 use crate::common::time::pause_ms;
-use crate::common::{Flown, fly};
+use crate::common::{Flown, fly, morphquad};
 use rustix::process::Signal;
+use serde_json::Value;
 
 #[test]
 #[ignore = "soak: on a busy machine the vehicle is farther from its reference"]
@@ -77,6 +78,25 @@ fn a_realtime_flight_flown_in_one_process_by_its_recorded_time_is_the_same_fligh
     assert!(flown.number("missed_ticks") > 0.5, "{}", flown.said());
     assert_eq!(again.misses(), flown.misses());
     assert_eq!(again.hash(), flown.hash());
+}
+
+/// What a loop bears in simulated time it bears by the wall clock, and a fifth more it does not.
+#[test]
+#[ignore = "soak: a machine that keeps a loop waiting takes from what it bears"]
+fn a_loop_bears_as_long_steps_by_the_wall_clock_as_the_study_of_timing_says() {
+    let output = morphquad(["study", "timing", "--format", "json"]).output().expect("it starts");
+    let study: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    for role in ["attitude", "position"] {
+        let sweeps = study["sweeps"].as_array().expect("sweeps").iter();
+        let mut of_steps = sweeps.filter(|s| s["role"] == role && s["what"] == "step takes");
+        let limit_s = of_steps.next().expect("a sweep")["passes_s"].as_f64().expect("a limit");
+        for (share, code) in [(0.8, 0), (1.2, 1)] {
+            let step = format!("{role}:step={:.3}ms", 1e3 * share * limit_s);
+            let flown = fly(&["figure8-morph", "--clock", "realtime", "--timing", &step]);
+            println!("{step}, {share} of the limit: {}", flown.verdict());
+            assert_eq!(flown.code, Some(code), "{step}: {}", flown.said());
+        }
+    }
 }
 
 #[test]

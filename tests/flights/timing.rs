@@ -379,6 +379,39 @@ fn every_script_flies_to_the_same_bits_accounts_for_its_releases_and_is_verified
     }
 }
 
+/// By the wall clock it waits as long as it is told to, whatever the machine does besides.
+#[test]
+fn a_loop_takes_its_time_by_the_wall_clock_too() {
+    let scripts = ["attitude:step=3ms", "position:start-late=4ms"];
+    let flags = ["hover", "--clock", "realtime", "--for", "1s", "--speed", "0.5"];
+    let flown = in_processes(&flags, &scripts);
+    assert!(matches!(flown.code, Some(0 | 1)), "{}", flown.said());
+    let times = ["header.release_mono_ns", "header.start_mono_ns", "header.publish_mono_ns"];
+    let [commands, set_points] =
+        flown.recording().several([("wrench_command", &times), ("attitude_setpoint", &times)]);
+    assert!(commands.len() > 10 && set_points.len() > 5, "{}", flown.said());
+    // Twice as long at half the speed.
+    for row in commands {
+        assert!(row.values[2] - row.values[1] >= 5.99e6, "{:?}", row.values);
+    }
+    for row in set_points {
+        assert!(row.values[1] - row.values[0] >= 7.99e6, "{:?}", row.values);
+    }
+    let events = morphquad(["topic", "echo", "events"]).arg(flown.recording_path()).output();
+    let events = String::from_utf8_lossy(&events.expect("it starts").stdout).into_owned();
+    assert!(events.contains("fault: attitude takes 3 ms for a step from 0.000 s on"), "{events}");
+}
+
+/// A process that is to be started again when it is killed once more is started, and is not taken for one that dies.
+#[test]
+fn an_owner_that_is_killed_when_it_is_about_to_be_started_again_is_started() {
+    let flags = ["figure8-morph", "--for", "2s", "--fault", "kill:attitude-mpc@1.2s"];
+    let flags = [&flags[..], &["--no-record"]].concat();
+    let scripts =
+        ["plant:step=1288us..29422us@812ms..2677ms", "estimator:step=2ms..12ms@339ms..1772ms"];
+    assert_eq!(told(&in_processes(&flags, &scripts)), told(&timed(&flags, &scripts)));
+}
+
 /// The ports of its process have room for a second of the sensors' samples.
 #[test]
 fn a_loop_that_is_stopped_for_longer_than_its_ports_have_room_loses_nothing() {
@@ -445,7 +478,12 @@ fn what_cannot_be_timed_is_refused_with_a_remedy() {
         (&["--timing", "attitude:stopped@3s..2s"], "is not after from_s", "later"),
         (&["--timing", "attitude:stopped@30s..40s"], "past the end of the flight", "earlier"),
         (&["--timing", "attitude:step=3ms..1ms"], "the first is longer", "shorter time first"),
-        (&["--timing", "attitude:step=1ms", "--clock", "realtime"], "the wall clock", "lockstep"),
+        (
+            &["--timing", "attitude:stopped@1s..2s", "--clock", "realtime"],
+            "by the wall clock a loop can begin late and take its time, and nothing else",
+            "lockstep",
+        ),
+        (&["--timing", "imu:lost", "--clock", "realtime"], "by the wall clock", "lockstep"),
         (
             &["--timing", "attitude-pid:step=1ms"],
             "does not fly in this flight",

@@ -169,6 +169,8 @@ struct Flight {
     conductor: Conductor,
     /// Of a flight whose clock this launcher moves.
     timed: Option<Timed>,
+    /// What of a script of times has not begun, the earliest last: from when \[ns\], and what.
+    to_come: Vec<(u64, String)>,
     tap: Tap,
     wakers: Wakers,
     pilot: Option<JoinHandle<PilotEnd>>,
@@ -263,11 +265,17 @@ impl Flight {
                 return Outcome::Lost(error.to_string());
             }
             self.look_at_files(now_ns);
-            if self.timed.is_some() {
-                self.give_turns(now_ns);
-            } else {
-                sleep_until(now_ns + self.look_every_ns());
-            }
+            self.pass_time(now_ns);
+        }
+    }
+
+    /// Lets the flight go on until it is time to look around again.
+    fn pass_time(&mut self, now_ns: u64) {
+        if self.timed.is_some() {
+            self.give_turns(now_ns);
+        } else {
+            self.tell_until(self.drained_ns);
+            sleep_until(now_ns + self.look_every_ns());
         }
     }
 

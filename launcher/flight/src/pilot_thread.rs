@@ -7,7 +7,8 @@ use runtime::watch::StopFlags;
 use runtime::{Component, Ending, Executor, Graph, Place, Timing};
 use scenario::Scenario;
 use scenario::services::Assignment;
-use shared_types::Role;
+use shared_types::{ClockMode, Role};
+use simulate::setup::clock_of;
 use std::path::Path;
 use std::thread::{self, JoinHandle};
 
@@ -77,7 +78,9 @@ pub(super) fn start(
         let component =
             components::build(&Assignment::of(scenario.settings()), Role::Pilot, &scenario)
                 .map_err(|error| error.to_string())?;
-        let timing = scenario.timing().map(|script| Timing::new(script, Role::Pilot.label()));
+        let by_the_wall = clock_of(&scenario) == ClockMode::Realtime;
+        let timing = scenario.timing();
+        let timing = timing.map(|s| Timing::new(s, Role::Pilot.label(), by_the_wall));
         FlyPilot { bus: &bus, graph, stop, entry, setup, timing }.fly(component)
     })
 }

@@ -69,8 +69,6 @@ pub(super) struct Turns {
     /// Turns that have been taken.
     taken: u64,
     orders: u32,
-    /// What of the script has not begun, the earliest last: from when \[ns\], and what.
-    to_come: Vec<(u64, String)>,
 }
 
 impl Turns {
@@ -80,8 +78,6 @@ impl Turns {
     /// [`PortError`].
     pub(super) fn create(bus: &Bus, script: Script) -> Result<Self, PortError> {
         bus.create_turns()?;
-        let mut to_come = script.told();
-        to_come.reverse();
         Ok(Self {
             script: script.on_clock(START_MONO_NS),
             giver: TurnGiver::open(bus)?,
@@ -92,7 +88,6 @@ impl Turns {
             now_mono_ns: 0,
             taken: 0,
             orders: 0,
-            to_come,
         })
     }
 
@@ -116,14 +111,9 @@ impl Turns {
         self.agenda.next().map(|turn| self.wall.logical_ns(turn.at_ns))
     }
 
-    /// What of the script begins by now, to be told: from when \[ns\], and what.
-    pub(super) fn take_begun(&mut self) -> Vec<(u64, String)> {
-        let now_ns = self.wall.logical_ns(self.now_mono_ns);
-        let mut begun = Vec::new();
-        while let Some(entry) = self.to_come.pop_if(|(from_ns, _)| *from_ns <= now_ns) {
-            begun.push(entry);
-        }
-        begun
+    /// Logical time now \[ns\].
+    pub(super) fn now_ns(&self) -> u64 {
+        self.wall.logical_ns(self.now_mono_ns)
     }
 
     /// Has a process look who has come and gone, and whether to leave.

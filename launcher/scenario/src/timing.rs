@@ -260,6 +260,18 @@ impl TimingSettings {
     }
 }
 
+/// By the wall clock a loop can be made to wait, and nothing else.
+fn refuse_in_realtime(entry: &TimingSettings, read: &Entry) -> Result<(), Refusal> {
+    let is_a_wait =
+        |effect: &LoopEffect| matches!(effect, LoopEffect::StartLate(_) | LoopEffect::Step(_));
+    if matches!(read, Entry::Loop(LoopEntry { effect, .. }) if is_a_wait(effect)) {
+        return Ok(());
+    }
+    let key = if entry.topic.is_some() { "topic" } else { "loop" };
+    let what = "by the wall clock a loop can begin late and take its time, and nothing else";
+    refuse(key, what, "fly it with clock = \"lockstep\", or with start_late_s and step_s alone")
+}
+
 /// Entries that say nothing that can be done.
 pub(super) fn check(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     let mut complaints = Vec::new();
@@ -269,16 +281,16 @@ pub(super) fn check(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     let mut refuse = |key: &str, what: &str, remedy: &str| {
         complaints.push((key.to_owned(), what.to_owned(), remedy.to_owned()));
     };
-    if settings.scenario.clock == Clock::Realtime {
-        let what = "the wall clock takes the time that it takes";
-        refuse("timing", what, "fly it with clock = \"lockstep\", or without timing");
-    }
-    if let Some(path) = settings.candidates().find(|name| name.contains('/')) {
+    let by_the_wall = settings.scenario.clock == Clock::Realtime;
+    if let Some(path) = settings.candidates().find(|name| name.contains('/') && !by_the_wall) {
         let what = format!("{path} is a process, which takes its own time");
         refuse("timing", &what, "swap to a service of morphquad, or leave either of the two away");
     }
     for (index, entry) in settings.timing.iter().enumerate() {
-        if let Err((key, what, remedy)) = entry.entry(settings, graph) {
+        let read = entry
+            .entry(settings, graph)
+            .and_then(|read| if by_the_wall { refuse_in_realtime(entry, &read) } else { Ok(()) });
+        if let Err((key, what, remedy)) = read {
             let dot = if key.is_empty() { "" } else { "." };
             complaints.push((format!("timing[{index}]{dot}{key}"), what, remedy));
         }

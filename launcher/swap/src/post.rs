@@ -92,7 +92,8 @@ impl Post {
         self.started = process_start(child.pid()).unwrap_or(0);
         self.child = Some(child);
         (self.awaits_handover, self.handed_over) = (awaits_handover, false);
-        self.ready = false;
+        // What was to be killed before is not this process.
+        (self.ready, self.scripted) = (false, false);
         self.standstill = None;
         Ok(())
     }

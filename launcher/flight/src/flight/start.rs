@@ -81,6 +81,13 @@ pub(super) fn graph_of(scenario: &Scenario) -> Result<Graph, RunError> {
     scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))
 }
 
+/// What a script of times tells, the earliest last.
+fn told(scenario: &Scenario) -> Vec<(u64, String)> {
+    let mut told = scenario.timing().map(|script| script.told()).unwrap_or_default();
+    told.reverse();
+    told
+}
+
 impl Flight {
     pub(super) fn prepare(
         options: &RunOptions,
@@ -96,7 +103,8 @@ impl Flight {
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
         bus.lead()?;
         let services = HeldServices::create(&bus)?;
-        let turns = scenario.timing().map(|script| Turns::create(&bus, script)).transpose()?;
+        let script = scenario.timing().filter(|_| clock_of(scenario) == ClockMode::Lockstep);
+        let turns = script.map(|script| Turns::create(&bus, script)).transpose()?;
         let timed = turns.map(Timed::new);
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
         let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
@@ -169,6 +177,7 @@ impl Flight {
             tap: Tap::open(&bus, &graph, sinks)?,
             conductor,
             timed,
+            to_come: told(&options.scenario),
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,
             slots,

@@ -59,14 +59,19 @@ impl Flight {
             let is_flown = timed.turns.give_until(until_ns, end_ns, &self.graph, &participants);
             timed.is_flown = is_flown && until_ns >= self.conductor.allowed_ns();
         }
-        for (from_ns, text) in timed.turns.take_begun() {
-            let text = format!("{FAULT}{text}");
-            self.tap.sinks.note(from_ns, Severity::Info, "launcher", &text);
-        }
+        self.tell_until(timed.turns.now_ns());
         let has_moved = timed.turns.taken() > before || (may_go_on && timed.is_flown);
         self.timed = Some(timed);
         if !has_moved {
             sleep_until(now_ns + SHORT_NS);
+        }
+    }
+
+    /// Tells in the recording what of the script of times begins by an instant \[ns\].
+    pub(super) fn tell_until(&mut self, now_ns: u64) {
+        while let Some((from_ns, text)) = self.to_come.pop_if(|(from_ns, _)| *from_ns <= now_ns) {
+            let text = format!("{FAULT}{text}");
+            self.tap.sinks.note(from_ns, Severity::Info, "launcher", &text);
         }
     }
 

@@ -107,7 +107,8 @@ impl Joined {
             }
         };
         let (graph, stop) = (graph.clone(), stop.clone());
-        let timing = flight.timing.clone().map(|script| Timing::new(script, name));
+        let timing = flight.timing.clone();
+        let timing = timing.map(|script| Timing::new(script, name, flight.is_realtime()));
         fly_component(bus, graph, stop, (executor, timing), (arguments.await_handover, prepare))
     }
 }
@@ -158,7 +159,7 @@ pub fn fly_component(
     connect(bus, &graph, &mut executor, timing.as_ref())?;
     let mut process = Process::open(bus, executor, graph, stop)?;
     if let Some(timing) = timing {
-        process.take_turns(timing)?;
+        process.take_time(timing)?;
     }
     prepare()?;
     // Held until the end: a dropped writer's last sample may not have been read yet.

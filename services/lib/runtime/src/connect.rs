@@ -5,7 +5,7 @@ use crate::graph::{Edge, Graph};
 use crate::input::{Input, InputVisitor, Source};
 use crate::ipc::{Bus, PortError};
 use crate::output::{Output, OutputVisitor};
-use crate::process::Timing;
+use crate::process::{Ports, Timing};
 use shared_types::{Sample, Seat, Topic, topics};
 
 struct Readers<'a> {
@@ -25,8 +25,9 @@ impl InputVisitor for Readers<'_> {
         let edge = self.graph.edge(&topic.info, self.seat.role).copied();
         let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.seat.role));
         let port = self.bus.reader(topic, edge.from)?;
-        let source: Box<dyn Source<T>> = match self.timing {
-            Some(Timing { delays, collector, .. }) => {
+        let source: Box<dyn Source<T>> = match self.timing.and_then(|timing| timing.ports.as_ref())
+        {
+            Some(Ports { delays, collector }) => {
                 delays.delay((self.seat, topic.info.name), collector.source(port))
             }
             None => Box::new(port),

@@ -8,6 +8,7 @@ mod realtime;
 mod surroundings;
 mod timed;
 
+pub(crate) use timed::Ports;
 pub use timed::Timing;
 
 use crate::clock::{WallMap, mono_now_ns};
@@ -90,8 +91,10 @@ pub struct Process<'a> {
     /// Who was there at the last look.
     registered: u64,
     timed_out: bool,
-    /// The time that it takes, if a script says so, and who says when it has its turn.
-    turns: Option<(Timing, TurnTaker)>,
+    /// The time that it takes, if a script says so.
+    timing: Option<Timing>,
+    /// By what it is told of its turns on a clock that the launcher moves.
+    turns: Option<TurnTaker>,
 }
 
 impl core::fmt::Debug for Process<'_> {
@@ -140,17 +143,21 @@ impl<'a> Process<'a> {
             upkeep: Upkeep::of_this_thread(),
             registered: 0,
             timed_out: false,
+            timing: None,
             turns: None,
         })
     }
 
-    /// Lets it take its turns on a clock that the launcher moves.
+    /// Lets it take the time that a script says.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn take_turns(&mut self, timing: Timing) -> Result<(), PortError> {
-        let turns = TurnTaker::open(self.bus, self.seat, self.executor.place().generation)?;
-        self.turns = Some((timing, turns));
+    pub fn take_time(&mut self, timing: Timing) -> Result<(), PortError> {
+        if timing.ports.is_some() {
+            let generation = self.executor.place().generation;
+            self.turns = Some(TurnTaker::open(self.bus, self.seat, generation)?);
+        }
+        self.timing = Some(timing);
         Ok(())
     }
 
@@ -212,14 +219,15 @@ impl<'a> Process<'a> {
         };
         self.look_around();
         self.publish_progress();
-        let turns = self.turns.take();
+        let (timing, turns) = (self.timing.take(), self.turns.take());
         let is_timed = turns.is_some();
-        let ending = if let Some((timing, turns)) = turns {
-            self.run_timed(&timing, &turns)
+        let ports = timing.as_ref().and_then(|timing| timing.ports.clone());
+        let ending = if let (Some(timing), Some(ports), Some(turns)) = (&timing, ports, turns) {
+            self.run_timed(timing, &ports, &turns)
         } else if record.mode == ClockMode::Lockstep {
             self.run_lockstep()
         } else {
-            self.run_realtime(WallMap::new(&record))
+            self.run_realtime(WallMap::new(&record), timing.as_ref())
         };
         // One that a script has stopped all the time has nothing to tell.
         if !is_timed || self.executor.steps() > 0 {

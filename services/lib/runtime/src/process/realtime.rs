@@ -1,8 +1,7 @@
 //! The wall clock: each release at its instant, or once its inputs are there or overdue.
 
-use super::{Ending, Process};
+use super::{Ending, Process, Timing};
 use crate::clock::{WallMap, mono_now_ns, sleep_until};
-use crate::executor::StepStamps;
 use crate::graph::Roles;
 use crate::pacing::{Next, Pacing, is_timed, take_effect_when_published};
 use crate::upkeep::count_stretch;
@@ -13,14 +12,14 @@ use shared_types::Role;
 const LOOK_EVERY_NS: u64 = 20_000_000;
 
 impl Process<'_> {
-    pub(super) fn run_realtime(&mut self, wall: WallMap) -> Ending {
+    pub(super) fn run_realtime(&mut self, wall: WallMap, timing: Option<&Timing>) -> Ending {
         take_effect_when_published(&mut self.executor, &self.graph, wall);
         // Connections take a millisecond: they are made in the countdown, not in the first step.
         self.read_marks(Roles::ALL, &mut Roles::default());
         self.executor.component.receive();
         loop {
             let mut ending = None;
-            let allocations = count_stretch(&mut || ending = self.pass(wall));
+            let allocations = count_stretch(&mut || ending = self.pass(wall, timing));
             self.upkeep.note_allocations(allocations);
             self.upkeep.look(self.executor.mark_ns());
             self.executor.note_costs(self.upkeep.steady, self.upkeep.at_changes);
@@ -32,7 +31,7 @@ impl Process<'_> {
 
     /// Looks around, rests or waits, and runs the next release if it is time; how the loop ends, once
     /// it does.
-    fn pass(&mut self, wall: WallMap) -> Option<Ending> {
+    fn pass(&mut self, wall: WallMap, timing: Option<&Timing>) -> Option<Ending> {
         if let Some(ending) = self.stop_requested() {
             return Some(ending);
         }
@@ -47,14 +46,16 @@ impl Process<'_> {
             return Some(Ending::Finished);
         }
         let is_timed = is_timed(&self.graph, self.seat.role);
-        let (due_mono_ns, start_mono_ns) = self.await_step(wall, is_timed)?;
+        let (due_mono_ns, start_mono_ns) = self.await_step(wall, is_timed, timing)?;
         let pacing = Pacing { graph: &self.graph, marks: &self.marks, wall, is_timed };
         if pacing.begin(&mut self.executor, start_mono_ns) {
-            self.executor.run_step(StepStamps {
-                release_mono_ns: due_mono_ns,
-                start_mono_ns,
-                now_mono_ns: mono_now_ns,
-            });
+            let release_ns = self.executor.mark_ns();
+            let computed = self.executor.compute(due_mono_ns, start_mono_ns);
+            if let Some(timing) = timing {
+                let at = (start_mono_ns, release_ns);
+                await_instant(timing.ends_mono_ns(self.seat.role, wall, at));
+            }
+            self.executor.publish(computed, mono_now_ns());
         }
         // A release that was skipped is final too; the one it was skipped for has its own wait.
         self.announce(before_ns, self.executor.mark_ns());
@@ -66,7 +67,12 @@ impl Process<'_> {
     ///
     /// A loop of its own clock begins as soon as it runs, and takes its inputs in as part of the step.
     /// One that is begun by its inputs has them by then.
-    fn await_step(&mut self, wall: WallMap, is_timed: bool) -> Option<(u64, u64)> {
+    fn await_step(
+        &mut self,
+        wall: WallMap,
+        is_timed: bool,
+        timing: Option<&Timing>,
+    ) -> Option<(u64, u64)> {
         loop {
             if !is_timed {
                 self.read_marks(Roles::ALL, &mut Roles::default());
@@ -87,10 +93,16 @@ impl Process<'_> {
                     return None;
                 }
                 Next::Begin(due_mono_ns) => {
+                    let mut start_mono_ns = now_mono_ns;
+                    if let Some(timing) = timing {
+                        let at = (now_mono_ns, self.executor.mark_ns());
+                        await_instant(timing.begins_mono_ns(self.seat.role, wall, at));
+                        start_mono_ns = mono_now_ns();
+                    }
                     if is_timed {
                         self.executor.component.receive();
                     }
-                    return Some((due_mono_ns, now_mono_ns));
+                    return Some((due_mono_ns, start_mono_ns));
                 }
             }
         }
@@ -115,5 +127,12 @@ impl Process<'_> {
                 self.executor.component.receive();
             }
         }
+    }
+}
+
+/// Waits until an instant that has not passed, however often a signal ends the sleep.
+fn await_instant(mono_ns: u64) {
+    while mono_now_ns() < mono_ns {
+        sleep_until(mono_ns);
     }
 }

@@ -1,20 +1,29 @@
 //! A clock that the launcher moves: each step when it is this loop's turn.
 
 use super::{Ending, Process, WAIT_LIMIT};
+use crate::clock::WallMap;
 use crate::collector::Collector;
 use crate::delays::Delays;
 use crate::graph::Roles;
 use crate::ipc::{NumberedOrder, Order, TurnTaker};
 use crate::pacing::take_effect_when_published;
 use crate::timed::{self, Around, START_MONO_NS, TimedLoop};
+use shared_types::Role;
 use std::rc::Rc;
-use timing::Script;
+use timing::{Script, Who};
 
 /// What happens to the time of a process's loop and of the samples that it reads.
 #[derive(Debug)]
 pub struct Timing {
     script: Rc<Script>,
     name: String,
+    /// None by the wall clock.
+    pub(crate) ports: Option<Ports>,
+}
+
+/// How samples come to a loop whose clock the launcher moves.
+#[derive(Debug, Clone)]
+pub(crate) struct Ports {
     /// When samples arrive.
     pub(crate) delays: Rc<Delays>,
     /// What has come to the ports.
@@ -22,19 +31,53 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// Of a flight's script, for the process of the service `name`.
+    /// Of a flight's script, for the process of the service `name`: on a clock that the launcher moves, or by the wall
+    /// clock, by which the loop waits as long as its steps are to take.
     #[must_use]
-    pub fn new(script: Script, name: &str) -> Self {
+    pub fn new(script: Script, name: &str, by_the_wall: bool) -> Self {
+        let name = name.to_owned();
+        if by_the_wall {
+            return Self { script: Rc::new(script), name, ports: None };
+        }
         let script = Rc::new(script.on_clock(START_MONO_NS));
         let delays = Rc::new(Delays::new(Rc::clone(&script)));
-        Self { script, name: name.to_owned(), delays, collector: Rc::default() }
+        Self { script, name, ports: Some(Ports { delays, collector: Rc::default() }) }
+    }
+
+    /// By the wall clock: when a step begins that may begin at an instant \[ns\], for a release.
+    pub(super) fn begins_mono_ns(&self, role: Role, wall: WallMap, at: (u64, u64)) -> u64 {
+        later(wall, at, |at_ns, release_ns| {
+            self.script.begins_ns(self.who(role), at_ns, release_ns)
+        })
+    }
+
+    /// By the wall clock: when a step is over that began at an instant \[ns\], for a release.
+    pub(super) fn ends_mono_ns(&self, role: Role, wall: WallMap, at: (u64, u64)) -> u64 {
+        later(wall, at, |at_ns, release_ns| self.script.ends_ns(self.who(role), at_ns, release_ns))
+    }
+
+    fn who(&self, role: Role) -> Who<'_> {
+        Who { role, name: &self.name }
     }
 }
 
+/// An instant that the script puts off by logical time, put off as long by the wall clock.
+fn later(wall: WallMap, at: (u64, u64), put_off: impl Fn(u64, u64) -> u64) -> u64 {
+    let (at_mono_ns, release_ns) = at;
+    let at_ns = wall.logical_ns(at_mono_ns);
+    let by_ns = put_off(at_ns, release_ns).saturating_sub(at_ns);
+    at_mono_ns.saturating_add(wall.mono_ns(by_ns).saturating_sub(wall.mono_ns(0)))
+}
+
 impl Process<'_> {
-    pub(super) fn run_timed(&mut self, timing: &Timing, turns: &TurnTaker) -> Ending {
+    pub(super) fn run_timed(
+        &mut self,
+        timing: &Timing,
+        ports: &Ports,
+        turns: &TurnTaker,
+    ) -> Ending {
         take_effect_when_published(&mut self.executor, &self.graph, timed::wall());
-        let mut own = TimedLoop::new(Rc::clone(&timing.script), Rc::clone(&timing.delays));
+        let mut own = TimedLoop::new(Rc::clone(&timing.script), Rc::clone(&ports.delays));
         loop {
             if let Some(ending) = self.stop_requested() {
                 return ending;
@@ -42,20 +85,18 @@ impl Process<'_> {
             let Some(order) = turns.await_order(WAIT_LIMIT) else {
                 self.look_around();
                 self.serve_again();
-                if self.has_to_leave() {
-                    return Ending::Retired;
-                }
                 continue;
             };
             self.look_around();
             match order.order {
                 Order::Collect => {
-                    timing.collector.collect();
+                    ports.collector.collect();
                     turns.answer(&order, None);
                 }
                 Order::LookAround if self.has_to_leave() => return Ending::Retired,
                 Order::LookAround => self.serve_again(),
                 Order::Turn(kind, at_ns) => {
+                    ports.collector.collect();
                     let turn = (kind, at_ns);
                     if let Some(ending) = self.take_turn(&mut own, (timing, turns), &order, turn) {
                         return ending;
@@ -72,7 +113,6 @@ impl Process<'_> {
         order: &NumberedOrder,
         (kind, at_ns): (timing::TurnKind, u64),
     ) -> Option<Ending> {
-        timing.collector.collect();
         self.read_marks(Roles::ALL, &mut Roles::default());
         let end_ns = self.read_clock().end_ns;
         let around = Around {
@@ -88,10 +128,8 @@ impl Process<'_> {
             self.serve_and_send(answer.mark_ns);
         }
         turns.answer(order, Some(answer));
-        if answer.next.is_some() {
-            return None;
-        }
-        Some(if self.has_to_leave() { Ending::Retired } else { Ending::Finished })
+        // One whose time on the seat is over stays until the launcher lets it leave, between two stretches of the flight.
+        (answer.next.is_none() && answer.mark_ns >= end_ns).then_some(Ending::Finished)
     }
 
     fn has_to_leave(&self) -> bool {
