@@ -2,6 +2,7 @@
 //!
 //! `MORPHQUAD_ROUNDS=500 cargo test --release --test flights timing::every` flies as many scripts by chance.
 
+use crate::common::misdeeds::rogue;
 use crate::common::processes::{Running, kill};
 use crate::common::{Flown, fly, morphquad, rounds};
 use rand_chacha::ChaCha8Rng;
@@ -294,6 +295,8 @@ fn a_flight_by_the_recorded_time_of_another_is_that_one() {
     assert_eq!(of_others(&again), of_others(&flown));
     assert!(count(&flown, "missed_ticks") > 50, "{}", flown.said());
     assert_eq!(again.hash(), flown.hash());
+    let of_processes = in_processes(&flags, &[recording.to_str().expect("a path")]);
+    assert_eq!(told(&of_processes), told(&again));
 
     let whole = std::fs::read(&recording).expect("the recording");
     let cut = recording.with_file_name("cut.mcap");
@@ -422,34 +425,71 @@ fn a_loop_that_is_stopped_for_longer_than_its_ports_have_room_loses_nothing() {
     }
 }
 
-/// Between two turns a process may die or stand still for as long as it likes: time waits for it, or for the one that is
-/// started in its place.
+/// Time waits for a process that hangs, and for the one that is started in the place of a dead one, which begins what that
+/// one had begun. The estimator publishes its state every tenth step alone, so that its successor is behind.
 #[test]
 fn a_process_that_dies_or_hangs_in_a_flight_by_a_script_changes_no_bit() {
-    let flags = ["hover", "--for", "4s", "--timing", "attitude:step=1ms..3ms"];
-    let undisturbed = fly(&flags);
-    let paced = [&flags[..], &["--speed", "2", "--set", "launcher.stall_timeout_s=2"]].concat();
+    let scripts = [
+        "attitude:step=1ms..3ms",
+        "attitude:start-late=0ms..2ms",
+        "estimator:step=50us..300us",
+        "position:start-late=3ms",
+    ];
+    let flags = ["hover", "--for", "4s"];
+    let undisturbed = in_processes(&flags, &scripts);
+    let scripts: Vec<&str> = scripts.iter().flat_map(|script| ["--timing", *script]).collect();
+    let paced = ["--speed", "2", "--set", "launcher.stall_timeout_s=2"];
+    let paced = [&flags[..], &scripts, &paced].concat();
     for (name, signal) in [
         ("estimator", Signal::KILL),
         ("attitude-mpc", Signal::KILL),
         ("position-mpc", Signal::STOP),
     ] {
-        let mut running = Running::start_and_fly(&paced);
-        running.signal(name, signal);
-        let flown = running.wait();
-        assert_eq!(flown.hash(), undisturbed.hash(), "{name}: {}", flown.said());
-        assert!(flown.number("recovered_crashes") >= 1.0, "{name}: {}", flown.said());
+        for _ in 0..rounds(1) {
+            let mut running = Running::start_and_fly(&paced);
+            running.signal(name, signal);
+            let flown = running.wait();
+            assert!(flown.number("recovered_crashes") >= 1.0, "{name}: {}", flown.said());
+            assert_eq!(flown.hash(), undisturbed.hash(), "{name}: {}", flown.said());
+            assert_eq!(flown.misses(), undisturbed.misses(), "{name}");
+        }
+    }
+}
+
+/// The old owner of the position slot leaves at the last release but one, or at the last.
+#[test]
+fn an_owner_that_leaves_at_the_end_of_a_flight_by_a_script_leaves_at_once() {
+    for rollback_ms in [660, 675, 690] {
+        let swap = format!("position=position-pid@1s,shadow=300ms,rollback={rollback_ms}ms");
+        let flags = ["hover", "--for", "2s", "--no-record", "--swap", &swap];
+        let script = ["attitude:step=1ms"];
+        assert_eq!(told(&in_processes(&flags, &script)), told(&timed(&flags, &script)), "{swap}");
     }
 }
 
 #[test]
 fn a_flight_by_a_script_ends_in_order_when_it_is_interrupted_and_takes_orders() {
+    let script = ["--timing", "estimator:step=0.2ms", "--timing", "attitude:step=8ms"];
+    let flags = [&["hover", "--for", "600s"][..], &script].concat();
+    // As fast as it can be: between two stretches as well as amid one.
+    for _ in 0..rounds(1) {
+        let mut running = Running::start_and_fly(&flags);
+        assert!(kill(running.launcher_pid(), Signal::INT));
+        let flown = running.wait();
+        assert_eq!((flown.code, flown.verdict()), (Some(130), "INCOMPLETE"), "{}", flown.said());
+        assert!(identical(&flown.recording_path()), "{}", flown.said());
+    }
+
     let flags = ["hover", "--for", "600s", "--speed", "1", "--timing", "estimator:step=0.2ms"];
     let mut running = Running::start_and_fly(&flags);
     let mut swap = morphquad(["swap", "--run", running.id()]);
     let output = swap.args(["--to", "attitude-pid", "attitude"]).output().expect("it starts");
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success() && said.contains("rollback window is over"), "{said}");
+    let mut swap = morphquad(["swap", "--run", running.id()]);
+    let output = swap.args(["--to", rogue(), "attitude"]).output().expect("it starts");
+    let said = String::from_utf8_lossy(&output.stderr).replace("\n  │", "");
+    assert!(said.contains("takes no turns in a flight by [[timing]]"), "{said}");
     assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
     assert_eq!((flown.code, flown.verdict()), (Some(130), "INCOMPLETE"), "{}", flown.said());

@@ -171,6 +171,7 @@ const ALLOWED: [(&str, &[&str]); 45] = [
             "scenario",
             "shared-types",
             "swap",
+            "timing",
             "vehicle",
             "verdict",
         ],

@@ -25,6 +25,7 @@ use super::viewer_process::ViewerProcess;
 use host::realtime::may_lock_memory;
 use observe::stopwatch::Stopwatch;
 use protocol::control::protocol::{Done, Reply, Request};
+use protocol::control::server::Answer;
 use protocol::topic::feed::Flying;
 use record::{Recorder, Severity};
 use runtime::clock::{mono_now_ns, sleep_until};
@@ -46,6 +47,7 @@ use std::thread::JoinHandle;
 use swap::services::{HeldServices, Wakers};
 use swap::{FlightError, Script, SlotContext, Slots};
 use timed::Timed;
+use timing::Window;
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
@@ -169,8 +171,10 @@ struct Flight {
     conductor: Conductor,
     /// Of a flight whose clock this launcher moves.
     timed: Option<Timed>,
-    /// What of a script of times has not begun, the earliest last: from when \[ns\], and what.
-    to_come: Vec<(u64, String)>,
+    /// What of a script of times has not begun, the earliest last: when, and what.
+    to_come: Vec<(Window, String)>,
+    /// Orders of clients that have not been carried out.
+    asked: Vec<(Request, Answer)>,
     tap: Tap,
     wakers: Wakers,
     pilot: Option<JoinHandle<PilotEnd>>,
@@ -301,9 +305,11 @@ impl Flight {
             }
             goes_on
         });
-        if orders.is_empty() {
+        self.asked.extend(orders);
+        if self.asked.is_empty() || self.is_amid_a_stretch() {
             return Ok(());
         }
+        let orders = core::mem::take(&mut self.asked);
         self.with_slots(now_ns, |slots, context| {
             orders.into_iter().try_for_each(|(order, answer)| slots.order(&order, answer, context))
         })
@@ -411,6 +417,7 @@ impl Flight {
     fn end_early(&mut self, now_ns: u64) {
         self.notice("interrupted: stopping in order; press Ctrl-C again to stop at once");
         self.conductor.end_early(self.conductor.wall_ns(now_ns));
+        self.timed.iter_mut().for_each(Timed::resume);
         self.supervisor.note_clock(self.conductor.record());
         self.wakers.wake_all();
     }

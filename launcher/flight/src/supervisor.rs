@@ -195,16 +195,9 @@ impl Supervisor {
         now_mono_ns >= since_ns.saturating_add(SERVE_LIMIT_NS) || self.present().all(has_served)
     }
 
-    /// As [`has_served`](Self::has_served), of loops that fly.
-    pub(super) fn have_served(
-        &self,
-        participants: &[Participant],
-        tap: &Tap,
-        now_mono_ns: u64,
-    ) -> bool {
-        let since_ns = self.joined_mono_ns;
-        let served = |one: &Participant| tap.marks.has_served(one.seat, one.generation, since_ns);
-        now_mono_ns >= since_ns.saturating_add(SERVE_LIMIT_NS) || participants.iter().all(served)
+    /// True if a loop has given all that have joined what it had published, however long that takes.
+    pub(super) fn has_served_all(&self, one: &Participant, tap: &Tap) -> bool {
+        tap.marks.has_served(one.seat, one.generation, self.joined_mono_ns)
     }
 
     /// The loops that fly: what has been started in flight does so once it has been told where to begin.

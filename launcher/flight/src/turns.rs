@@ -3,6 +3,7 @@
 
 use runtime::Graph;
 use runtime::clock::{WallMap, mono_now_ns};
+use runtime::graph::READER_CAPACITY;
 use runtime::ipc::{Bus, NumberedAnswer, NumberedOrder, Order, PortError, TurnGiver};
 use runtime::timed::{self, START_MONO_NS};
 use shared_types::Seat;
@@ -11,8 +12,10 @@ use timing::{Agenda, Answer, Script, Turn, TurnKind, Who};
 
 /// Most turns between two looks of the launcher: what they publish fits into its rings.
 const TURNS_MAX: u32 = 100;
-/// After so many turns of others a loop takes what has come out of its ports, which have room for twice as much.
+/// After so many turns of others a loop takes what has come out of its ports, which have room for more than twice as much:
+/// a turn publishes one sample of a topic at most.
 const COLLECT_AFTER: u64 = 400;
+const _: () = assert!(2 * COLLECT_AFTER < READER_CAPACITY as u64);
 /// Longest wait for an answer between two looks of the launcher \[ns\].
 const ANSWER_WAIT_NS: u64 = 1_000_000;
 
@@ -54,6 +57,8 @@ struct Known {
     turns: u64,
     /// When it began the step that it has not published \[ns\].
     begun_ns: Option<u64>,
+    /// It goes on for a process before it, and has not run what that one had.
+    is_behind: bool,
 }
 
 /// Whose turn is when.
@@ -64,6 +69,8 @@ pub(super) struct Turns {
     agenda: Agenda,
     known: [Known; Seat::COUNT],
     awaited: Option<Awaited>,
+    /// Whose pipe had no room for an order.
+    refused: Option<Seat>,
     wall: WallMap,
     now_mono_ns: u64,
     /// Turns that have been taken.
@@ -84,6 +91,7 @@ impl Turns {
             agenda: Agenda::for_loops(Seat::COUNT),
             known: [Known::default(); Seat::COUNT],
             awaited: None,
+            refused: None,
             wall: timed::wall(),
             now_mono_ns: 0,
             taken: 0,
@@ -101,9 +109,9 @@ impl Turns {
         seat.number().map_or(0, |number| self.known[number].mark_ns)
     }
 
-    /// Seat of the process that an answer is awaited from.
+    /// Seat of the process that an answer is awaited from, or that takes no orders out of its pipe.
     pub(super) fn awaited(&self) -> Option<Seat> {
-        Some(self.awaited?.seat)
+        self.awaited.map(|awaited| awaited.seat).or(self.refused)
     }
 
     /// Logical instant of the next turn; none if no loop has one \[ns\].
@@ -116,9 +124,10 @@ impl Turns {
         self.wall.logical_ns(self.now_mono_ns)
     }
 
-    /// Has a process look who has come and gone, and whether to leave.
-    pub(super) fn nudge(&mut self, participant: &Participant) {
-        let order = self.numbered(Order::LookAround, participant.generation);
+    /// Has a process look who has come and gone, or leave if its time is over.
+    pub(super) fn nudge(&mut self, participant: &Participant, leaves: bool) {
+        let order = if leaves { Order::Leave } else { Order::LookAround };
+        let order = self.numbered(order, participant.generation);
         // One that has no room for it has not been looking at its orders anyway.
         let _ = self.giver.give(participant.number(), order);
     }
@@ -139,13 +148,8 @@ impl Turns {
     ) -> bool {
         for participant in participants {
             let (number, generation) = (participant.number(), participant.generation);
-            if self.agenda.admit(number, generation, self.now_mono_ns) {
-                let begun_ns = self.known[number].begun_ns.filter(|_| participant.goes_on);
-                self.known[number] = Known { turns: self.taken, ..Known::default() };
-                // What the process before it had begun, it begins when that one did.
-                if let Some(at_ns) = begun_ns {
-                    self.agenda.plan(number, TurnKind::Begin, at_ns);
-                }
+            if self.agenda.admit(number, generation) {
+                self.admit(number, participant.goes_on);
             }
         }
         let until_mono_ns = if t_ns < end_ns { self.wall.mono_ns(t_ns) } else { u64::MAX };
@@ -163,12 +167,16 @@ impl Turns {
                 self.agenda.end(turn.index);
                 continue;
             };
+            let behind = participants.iter().find(|p| self.known[p.number()].is_behind);
             // One that has had its last turn needs no more samples.
             let overdue = participants.iter().find(|p| {
                 let turns = self.known[p.number()].turns;
                 self.taken - turns > COLLECT_AFTER && self.agenda.of(p.number()).is_some()
             });
-            let given = if let Some(overdue) = overdue {
+            let given = if let Some(behind) = behind {
+                let until_ns = self.known[behind.number()].mark_ns;
+                self.give(behind, Order::CatchUp(until_ns), None)
+            } else if let Some(overdue) = overdue {
                 self.give(overdue, Order::Collect, None)
             } else {
                 self.now_mono_ns = turn.at_ns;
@@ -180,9 +188,48 @@ impl Turns {
         }
     }
 
+    /// A process has come. One that goes on for the one before it has the turn that this one would have had, and begins what
+    /// this one had begun when this one did.
+    fn admit(&mut self, number: usize, goes_on: bool) {
+        let before = self.known[number];
+        if !goes_on || before.mark_ns == 0 {
+            self.known[number] = Known { turns: self.taken, ..Known::default() };
+            self.agenda.plan(number, TurnKind::Look, self.now_mono_ns);
+            return;
+        }
+        self.known[number] = Known { turns: self.taken, is_behind: true, ..before };
+        if let Some(at_ns) = before.begun_ns {
+            self.agenda.plan(number, TurnKind::Begin, at_ns);
+        } else if self.agenda.of(number).is_none() {
+            self.agenda.plan(number, TurnKind::Look, self.now_mono_ns);
+        }
+    }
+
+    /// A process has run what the one before it had run. If that one had published a step and died before it could say so,
+    /// the others are told now.
+    fn take_up(
+        &mut self,
+        mark_ns: u64,
+        graph: &Graph,
+        (participant, participants): (&Participant, &[Participant]),
+    ) {
+        let number = participant.number();
+        let known = &mut self.known[number];
+        let before_ns = core::mem::replace(&mut known.mark_ns, mark_ns);
+        known.is_behind = false;
+        if mark_ns > before_ns {
+            known.begun_ns = None;
+            let turn = Turn { at_ns: self.now_mono_ns, kind: TurnKind::Look, index: number };
+            self.agenda.plan(number, turn.kind, turn.at_ns);
+            let answer = Answer { next: None, announced_from_ns: Some(before_ns), mark_ns };
+            self.wake_by(turn, answer, graph, (participant, participants));
+        }
+    }
+
     fn give(&mut self, to: &Participant, order: Order, turn: Option<Turn>) -> bool {
         let order = self.numbered(order, to.generation);
         let is_given = self.giver.give(to.number(), order);
+        self.refused = (!is_given).then_some(to.seat);
         if is_given {
             self.awaited = Some(Awaited { seat: to.seat, order, turn });
         }
@@ -219,9 +266,12 @@ impl Turns {
             self.taken += 1;
             let is_amid_a_step = matches!(answer.next, Some((TurnKind::Publish, _)));
             let begun_ns = is_amid_a_step.then_some(turn.at_ns);
-            self.known[number] = Known { mark_ns: answer.mark_ns, turns: self.taken, begun_ns };
+            let (mark_ns, turns) = (answer.mark_ns, self.taken);
+            self.known[number] = Known { mark_ns, turns, begun_ns, is_behind: false };
             self.agenda.go_on(number, answer.next);
             self.wake_by(turn, answer, graph, (participant, participants));
+        } else if let Some(answer) = answer {
+            self.take_up(answer.mark_ns, graph, (participant, participants));
         }
         true
     }

@@ -81,6 +81,9 @@ class Chart {
     context.beginPath();
     context.rect(box.left, box.top, box.right - box.left, box.bottom - box.top);
     context.clip();
+    for (const mark of marks) {
+      if (mark.until_s !== undefined) this.band([x(mark.at_s), x(mark.until_s)], box, colour(MARKS[mark.kind].colour));
+    }
     for (const mark of marks) this.upright(x(mark.at_s), box, colour(MARKS[mark.kind].colour), [3, 3]);
     for (const line of chart.levels) {
       context.strokeStyle = colour("red");
@@ -121,6 +124,15 @@ class Chart {
     context.fillText("t [s]", box.right, box.bottom + 10);
     context.strokeStyle = colour("line");
     context.strokeRect(box.left, box.top, box.right - box.left, box.bottom - box.top);
+  }
+
+  /** What goes on for a while; what is outside the chart is cut off. */
+  band([from, to], box, colour) {
+    const { context } = this;
+    context.globalAlpha = 0.12;
+    context.fillStyle = colour;
+    context.fillRect(from, box.top, Math.max(1, to - from), box.bottom - box.top);
+    context.globalAlpha = 1;
   }
 
   upright(x, box, colour, dash) {

@@ -53,7 +53,7 @@ pub struct ScenarioArguments {
     #[arg(long, value_name = "kill|stop:NAME@TIME")]
     pub fault: Vec<String>,
     /// What a loop or topic does to time, for example `attitude:step=12ms@2s..3s`, a file of such entries, or a
-    /// recording whose time it is to take; with `--in-process`
+    /// recording whose time it is to take
     #[arg(long, value_name = "NAME:KIND[=TIME][@FROM..TO]|FILE")]
     pub timing: Vec<String>,
     /// Realtime: refuse to fly unless the system grants priority, locked memory and processors

@@ -38,6 +38,7 @@ use simulate::setup::{
 use swap::child::{ChildSpec, Launch};
 use swap::services::{HeldServices, Wakers};
 use swap::{FlightError, Script, SlotWatch, Slots};
+use timing::Window;
 
 /// From the announcement of a realtime flight to its start \[ns\].
 const COUNTDOWN_NS: u64 = 100_000_000;
@@ -82,7 +83,7 @@ pub(super) fn graph_of(scenario: &Scenario) -> Result<Graph, RunError> {
 }
 
 /// What a script of times tells, the earliest last.
-fn told(scenario: &Scenario) -> Vec<(u64, String)> {
+fn told(scenario: &Scenario) -> Vec<(Window, String)> {
     let mut told = scenario.timing().map(|script| script.told()).unwrap_or_default();
     told.reverse();
     told
@@ -178,6 +179,7 @@ impl Flight {
             conductor,
             timed,
             to_come: told(&options.scenario),
+            asked: Vec::new(),
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,
             slots,

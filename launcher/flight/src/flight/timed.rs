@@ -11,6 +11,9 @@ use runtime::graph::CREDIT_NS;
 use shared_types::Seat;
 use swap::FAULT;
 
+/// From one reminder of processes that others wait for to the next \[ns\].
+const NUDGE_EVERY_NS: u64 = 5_000_000;
+
 /// Wall time between two looks while processes come or go, or while a flight is held to a pace \[ns\].
 const SHORT_NS: u64 = 500_000;
 
@@ -19,21 +22,29 @@ pub(super) struct Timed {
     turns: Turns,
     /// All turns before what is allowed have been taken.
     is_flown: bool,
+    /// Seats of processes that the others wait for.
+    held_by: Vec<Seat>,
+    nudged_mono_ns: u64,
 }
 
 impl Timed {
     pub(super) fn new(turns: Turns) -> Self {
-        Self { turns, is_flown: true }
+        Self { turns, is_flown: true, held_by: Vec::new(), nudged_mono_ns: 0 }
     }
 
-    /// How far loops have got, and how many turns they have taken: what changes while the flight goes on.
+    /// Turns that have been taken: what changes while the flight goes on.
     pub(super) fn taken(&self) -> u64 {
         self.turns.taken()
     }
 
-    /// Seat of the process that an answer is awaited from.
-    pub(super) fn awaited(&self) -> Option<Seat> {
-        self.turns.awaited()
+    /// Seats of the processes that all others wait for.
+    pub(super) fn held_by(&self) -> impl Iterator<Item = Seat> {
+        self.held_by.iter().copied().chain(self.turns.awaited())
+    }
+
+    /// There are turns left to take, though nothing is to be decided before them.
+    pub(super) fn resume(&mut self) {
+        self.is_flown = false;
     }
 }
 
@@ -69,9 +80,10 @@ impl Flight {
 
     /// Tells in the recording what of the script of times begins by an instant \[ns\].
     pub(super) fn tell_until(&mut self, now_ns: u64) {
-        while let Some((from_ns, text)) = self.to_come.pop_if(|(from_ns, _)| *from_ns <= now_ns) {
+        while let Some((window, text)) = self.to_come.pop_if(|(window, _)| window.from_ns <= now_ns)
+        {
             let text = format!("{FAULT}{text}");
-            self.tap.sinks.note(from_ns, Severity::Info, "launcher", &text);
+            self.tap.sinks.note(window.from_ns, Severity::Info, "launcher", &text);
         }
     }
 
@@ -82,16 +94,19 @@ impl Flight {
             let leave_ns = self.tap.marks.book_of(role).and_then(|book| book.released_ns(index));
             leave_ns.is_some_and(|at_ns| timed.turns.mark_ns(participant.seat) >= at_ns)
         };
-        let has_leaving = timed.is_flown && participants.iter().any(|one| leaves(&one));
-        let is_settled = !has_leaving
-            && !self.supervisor.is_changing()
-            && self.supervisor.have_served(participants, &self.tap, now_ns);
-        if !is_settled {
-            for participant in participants {
-                timed.turns.nudge(participant);
+        let leaving: Vec<_> =
+            participants.iter().filter(|_| timed.is_flown).filter(leaves).collect();
+        let unserved =
+            participants.iter().filter(|one| !self.supervisor.has_served_all(one, &self.tap));
+        let holding: Vec<_> = leaving.iter().copied().chain(unserved).collect();
+        timed.held_by = holding.iter().map(|one| one.seat).collect();
+        if now_ns >= timed.nudged_mono_ns.saturating_add(NUDGE_EVERY_NS) && !holding.is_empty() {
+            timed.nudged_mono_ns = now_ns;
+            for one in holding {
+                timed.turns.nudge(one, leaving.iter().any(|leaving| leaving.seat == one.seat));
             }
         }
-        is_settled
+        timed.held_by.is_empty() && !self.supervisor.is_changing()
     }
 
     /// Allows the next stretch; false if something is to be done before, or time stands still.

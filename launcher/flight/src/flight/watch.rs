@@ -162,7 +162,7 @@ impl Flight {
             let marks = &self.tap.marks;
             let mut stalled = match &self.timed {
                 // One at a time has its turn, and all others wait for that one.
-                Some(timed) => awaited(timed, &present),
+                Some(timed) => held_by(timed, &present),
                 None => stalled(self.conductor.record(), &self.graph, &present, marks, check),
             };
             if !realtime {
@@ -218,8 +218,10 @@ impl Flight {
     }
 }
 
-/// The process that an answer is awaited from.
-fn awaited(timed: &Timed, present: &[RegistryEntry]) -> Vec<RegistryEntry> {
-    let Some(Seat { role, index }) = timed.awaited() else { return Vec::new() };
-    present.iter().filter(|entry| (entry.role, entry.seat) == (role, index)).copied().collect()
+/// The processes that all others wait for.
+fn held_by(timed: &Timed, present: &[RegistryEntry]) -> Vec<RegistryEntry> {
+    let is_meant = |entry: &&RegistryEntry| {
+        timed.held_by().any(|Seat { role, index }| (role, index) == (entry.role, entry.seat))
+    };
+    present.iter().filter(is_meant).copied().collect()
 }

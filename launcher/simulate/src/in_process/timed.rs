@@ -12,7 +12,7 @@ use runtime::timed::{self, Around, START_MONO_NS, TimedLoop};
 use shared_types::Seat;
 use std::rc::Rc;
 use swap::FAULT;
-use timing::{Agenda, Answer, Script, Turn};
+use timing::{Agenda, Answer, Script, Turn, TurnKind, Window};
 
 /// The clock, and whose turn is when.
 pub(super) struct TimedClock {
@@ -23,8 +23,8 @@ pub(super) struct TimedClock {
     loops: [Option<TimedLoop>; Seat::COUNT],
     wall: WallMap,
     now_mono_ns: u64,
-    /// What of the script has not begun, the earliest last: from when \[ns\], and what.
-    to_come: Vec<(u64, String)>,
+    /// What of the script has not begun, the earliest last: when, and what.
+    to_come: Vec<(Window, String)>,
     observer: Rc<dyn ErasedObserver>,
 }
 
@@ -94,9 +94,10 @@ impl TimedClock {
     fn admit(&mut self, flying: &mut Flying<'_>) {
         for l in flying.loops.iter_mut().filter(|l| l.flies()) {
             let index = number(l);
-            if !self.agenda.admit(index, l.generation, self.now_mono_ns) {
+            if !self.agenda.admit(index, l.generation) {
                 continue;
             }
+            self.agenda.plan(index, TurnKind::Look, self.now_mono_ns);
             if let Some(executor) = l.stepper.executor() {
                 take_effect_when_published(executor, flying.graph, self.wall);
             }
@@ -108,8 +109,9 @@ impl TimedClock {
     /// Tells in the recording what of the script begins by an instant of this clock \[ns\].
     fn tell_until(&mut self, at_mono_ns: u64) {
         let now_ns = self.wall.logical_ns(at_mono_ns);
-        while let Some((from_ns, text)) = self.to_come.pop_if(|(from_ns, _)| *from_ns <= now_ns) {
-            self.observer.note(from_ns, false, &format!("{FAULT}{text}"));
+        while let Some((window, text)) = self.to_come.pop_if(|(window, _)| window.from_ns <= now_ns)
+        {
+            self.observer.note(window.from_ns, false, &format!("{FAULT}{text}"));
         }
     }
 

@@ -102,6 +102,8 @@ pub struct Orders {
     ends: BTreeMap<(Slot, Seat), String>,
     /// Who differs from the owner is flown ahead unless the request says otherwise.
     rehearses: bool,
+    /// No executable of a user can take part.
+    services_only: bool,
     open: Vec<Open>,
 }
 
@@ -109,6 +111,11 @@ impl Orders {
     /// Has candidates flown ahead that differ from the owner, or not, unless a request says otherwise.
     pub fn set_rehearses(&mut self, rehearses: bool) {
         self.rehearses = rehearses;
+    }
+
+    /// Refuses executables of users, or not.
+    pub fn set_services_only(&mut self, services_only: bool) {
+        self.services_only = services_only;
     }
 
     /// The number under which state machines know an executable.
@@ -239,7 +246,14 @@ impl Orders {
             let text = format!("{} is not a file: give the path of a scenario", path.display());
             return Err(Refusal::new(Reason::BadRequest, text));
         }
-        Ok(self.program(Executable::new(candidate, config)))
+        let executable = Executable::new(candidate, config);
+        if self.services_only && !executable.is_built_in() {
+            let text = format!(
+                "{to} is a process of its own, which takes no turns in a flight by [[timing]]: order a service of morphquad"
+            );
+            return Err(Refusal::new(Reason::NoSense, text));
+        }
+        Ok(self.program(executable))
     }
 
     /// The seat that `NAME@SEAT` names; `None` for a name without a seat.

@@ -146,6 +146,8 @@ impl Slots {
         let pattern = specs.first().map(|(_, spec)| ChildSpec { pause_ns: 0, ..spec.clone() });
         let mut orders = Orders::default();
         orders.set_rehearses(rehearsing.is_enabled);
+        let takes_turns = mode == ClockMode::Lockstep && !scenario.settings().timing.is_empty();
+        orders.set_services_only(takes_turns);
         let (mut machines, mut states) = (Machines::new(), BTreeMap::new());
         for slot in Slot::ALL {
             let spec = specs.iter().find(|(role, _)| *role == slot.role());

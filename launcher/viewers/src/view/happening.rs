@@ -11,6 +11,7 @@ use shared_types::{
 };
 use std::any::Any;
 use swap::FAULT;
+use timing::Script;
 
 /// Troubles of the gate that come closer together than this are one: its beginning and whatever is worse
 /// are marks, the rest is in the list \[ns\].
@@ -37,6 +38,9 @@ pub(crate) enum Kind {
 pub(crate) struct Happening {
     /// Logical time \[s\].
     pub(crate) at_s: f64,
+    /// How long it goes on, if that is known: shown as a band through every chart \[s\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) until_s: Option<f64>,
     pub(crate) kind: Kind,
     /// Shown as a line through every chart.
     pub(crate) is_mark: bool,
@@ -47,7 +51,7 @@ pub(crate) struct Happening {
 impl Happening {
     fn mark(at_ns: u64, kind: Kind, source: &str, text: String) -> Self {
         let at_s = at_ns as f64 * 1e-9;
-        Self { at_s, kind, is_mark: true, source: source.to_owned(), text }
+        Self { at_s, until_s: None, kind, is_mark: true, source: source.to_owned(), text }
     }
 
     /// What was told in words; its stamp is Unix time that runs like the flight's clock.
@@ -62,7 +66,7 @@ impl Happening {
             _ => Kind::Note,
         };
         let is_mark = kind == Kind::Fault;
-        Self { at_s, kind, is_mark, source: event.source, text: event.text }
+        Self { at_s, until_s: None, kind, is_mark, source: event.source, text: event.text }
     }
 }
 
@@ -104,6 +108,17 @@ impl Owners {
     }
 }
 
+/// Tells of each part of a script of times how long it goes on, at most to the end of the flight.
+pub(super) fn end(happenings: &mut [Happening], script: &Script, until_s: f64) {
+    for (window, text) in script.told() {
+        let text = format!("{FAULT}{text}");
+        let told = happenings.iter_mut().filter(|h| h.text == text && h.until_s.is_none());
+        for happening in told.take(1) {
+            happening.until_s = Some((window.until_ns as f64 * 1e-9).min(until_s));
+        }
+    }
+}
+
 /// Winds of the script that begin in flight: gusts have no instant that the samples would tell.
 pub(super) fn winds(script: &[Event], until_s: f64) -> Vec<Happening> {
     let winds = script.iter().filter_map(|event| match event {
@@ -114,7 +129,7 @@ pub(super) fn winds(script: &[Event], until_s: f64) -> Vec<Happening> {
         let mean = vector(wind.mean_w_m_s);
         let mark = |at_s: f64, text: String| {
             let (kind, source) = (Kind::Disturbance, "disturbance".to_owned());
-            Happening { at_s, kind, is_mark: true, source, text }
+            Happening { at_s, until_s: None, kind, is_mark: true, source, text }
         };
         let end =
             wind.until_s.map(|at_s| mark(at_s, format!("wind of {mean} m/s on average ends")));

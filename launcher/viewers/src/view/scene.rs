@@ -1,7 +1,7 @@
 //! A flight as the page wants it: one JSON object.
 
 use super::collect::{Collect, Frames};
-use super::happening::{Happening, Owners, winds};
+use super::happening::{Happening, Owners, end, winds};
 use super::json;
 use super::panel::{Panels, Uses};
 use crate::report::Observed;
@@ -67,6 +67,9 @@ pub(crate) fn gather(flight: &RecordedFlight) -> Result<Gathered, ViewError> {
     happenings.extend(owners.happenings);
     let script = &flight.scenario().settings().disturbance_injector.script;
     happenings.extend(winds(script, span_ns.1 as f64 * 1e-9));
+    if let Some(script) = flight.scenario().timing() {
+        end(&mut happenings, &script, span_ns.1 as f64 * 1e-9);
+    }
     happenings.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
     Ok(Gathered { panels, frames, happenings, loops, uses, span_ns, closing })
 }

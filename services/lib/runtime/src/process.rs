@@ -95,6 +95,8 @@ pub struct Process<'a> {
     timing: Option<Timing>,
     /// By what it is told of its turns on a clock that the launcher moves.
     turns: Option<TurnTaker>,
+    /// It has published its totals.
+    has_finished: bool,
 }
 
 impl core::fmt::Debug for Process<'_> {
@@ -145,6 +147,7 @@ impl<'a> Process<'a> {
             timed_out: false,
             timing: None,
             turns: None,
+            has_finished: false,
         })
     }
 
@@ -229,10 +232,7 @@ impl<'a> Process<'a> {
         } else {
             self.run_realtime(WallMap::new(&record), timing.as_ref())
         };
-        // One that a script has stopped all the time has nothing to tell.
-        if !is_timed || self.executor.steps() > 0 {
-            self.executor.finish();
-        }
+        self.finish(is_timed);
         if ending == Ending::Finished {
             // Nothing will ever follow: a process that still waits for this one need not.
             // On a clock that the launcher moves it is waited for as long as it would be by the wall clock.
@@ -248,6 +248,14 @@ impl<'a> Process<'a> {
             }
         }
         ending
+    }
+
+    /// Publishes the totals of the flight, once. One that a script has stopped all the time has nothing to tell.
+    fn finish(&mut self, is_timed: bool) {
+        let is_first = !core::mem::replace(&mut self.has_finished, true);
+        if is_first && (!is_timed || self.executor.steps() > 0) {
+            self.executor.finish();
+        }
     }
 
     fn read_clock(&mut self) -> ClockRecord {

@@ -63,14 +63,10 @@ impl Agenda {
         self.turns.get(index).copied().flatten()
     }
 
-    /// Gives a loop its first turn if it has come since the last time, as this process of its seat; false if it has not.
-    pub fn admit(&mut self, index: usize, generation: u32, now_ns: u64) -> bool {
-        let Some(there) = self.there.get_mut(index) else { return false };
-        let is_new = there.replace(generation) != Some(generation);
-        if is_new {
-            self.plan(index, TurnKind::Look, now_ns);
-        }
-        is_new
+    /// Takes in that a loop is there as this process of its seat; false if that is known.
+    pub fn admit(&mut self, index: usize, generation: u32) -> bool {
+        let there = self.there.get_mut(index);
+        there.is_some_and(|there| there.replace(generation) != Some(generation))
     }
 
     /// Gives a loop its next turn, or none any more.
@@ -125,16 +121,15 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_gets_its_first_turn_once_and_its_successor_one_of_its_own() {
+    fn a_loop_is_new_once_and_its_successor_is_new_again() {
         let mut agenda = Agenda::for_loops(2);
-        assert!(agenda.admit(1, 0, 5) && !agenda.admit(2, 0, 5));
-        agenda.go_on(1, None);
-        assert!(!agenda.admit(1, 0, 6));
-        assert_eq!(agenda.next(), None);
-        assert!(agenda.admit(1, 1, 7));
-        assert_eq!(agenda.next(), Some(Turn { at_ns: 7, kind: TurnKind::Look, index: 1 }));
+        assert!(agenda.admit(1, 0) && !agenda.admit(2, 0));
+        assert!(!agenda.admit(1, 0));
+        assert!(agenda.admit(1, 1));
         agenda.go_on(1, Some((TurnKind::Expire, 9)));
         assert_eq!(agenda.next(), Some(Turn { at_ns: 9, kind: TurnKind::Expire, index: 1 }));
+        agenda.go_on(1, None);
+        assert_eq!(agenda.next(), None);
     }
 
     #[test]

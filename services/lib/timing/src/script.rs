@@ -196,13 +196,13 @@ impl Script {
         &self.samples
     }
 
-    /// What it says, a sentence for each entry, with the instant from which it holds, in their order \[ns\].
+    /// What it says, a sentence for each entry, with when it holds, in the order of its beginning.
     #[must_use]
-    pub fn told(&self) -> Vec<(u64, String)> {
-        let loops = self.loops.iter().map(|entry| (entry.window.from_ns, entry.to_string()));
-        let samples = self.samples.iter().map(|entry| (entry.window.from_ns, entry.to_string()));
-        let mut told: Vec<(u64, String)> = loops.chain(samples).collect();
-        told.sort_by_key(|(from_ns, _)| *from_ns);
+    pub fn told(&self) -> Vec<(Window, String)> {
+        let loops = self.loops.iter().map(|entry| (entry.window, entry.to_string()));
+        let samples = self.samples.iter().map(|entry| (entry.window, entry.to_string()));
+        let mut told: Vec<_> = loops.chain(samples).collect();
+        told.sort_by_key(|(window, _)| window.from_ns);
         told
     }
 

@@ -20,8 +20,13 @@ pub enum Order {
     Turn(TurnKind, u64),
     /// To take what has come to its ports out of them.
     Collect,
-    /// To look who has come and gone, and whether to leave; this one is not answered.
+    /// To run each release before an instant that has not run, because the process before it had \[ns\]; the answer tells how
+    /// far it has got.
+    CatchUp(u64),
+    /// To look who has come and gone; this one is not answered.
     LookAround,
+    /// To leave if its time on the seat is over; neither is this one.
+    Leave,
 }
 
 /// An order for one process of a seat, with its number.
@@ -52,9 +57,11 @@ pub struct NumberedAnswer {
 const ORDER: usize = 3 * 8;
 const ANSWER: usize = 6 * 8;
 
-/// Codes of what has no instant.
+/// Codes of what is no turn.
 const COLLECT: u64 = 4;
 const LOOK_AROUND: u64 = 5;
+const CATCH_UP: u64 = 6;
+const LEAVE: u64 = 7;
 /// In place of an instant or of a kind: there is none.
 const NONE: u64 = u64::MAX;
 
@@ -99,7 +106,9 @@ impl NumberedOrder {
         let (code, at_ns) = match self.order {
             Order::Turn(kind, at_ns) => (code(kind), at_ns),
             Order::Collect => (COLLECT, 0),
+            Order::CatchUp(until_ns) => (CATCH_UP, until_ns),
             Order::LookAround => (LOOK_AROUND, 0),
+            Order::Leave => (LEAVE, 0),
         };
         pack(&[code, at_ns, pair(self.generation, self.number)])
     }
@@ -109,7 +118,9 @@ impl NumberedOrder {
         let (generation, number) = halves(who);
         let order = match code {
             COLLECT => Order::Collect,
+            CATCH_UP => Order::CatchUp(at_ns),
             LOOK_AROUND => Order::LookAround,
+            LEAVE => Order::Leave,
             code => Order::Turn(kind(code)?, at_ns),
         };
         Some(Self { order, generation, number })
@@ -255,7 +266,7 @@ impl TurnTaker {
     /// Answers an order: with what came of it if it was a turn.
     pub fn answer(&self, order: &NumberedOrder, answer: Option<Answer>) {
         let (seat, generation, number) = (self.seat, self.generation, order.number);
-        // There is at most one answer on the way from each process.
+        // It is awaited before the next order of its kind, so that there is room for it.
         let _ = write(&self.answers, &NumberedAnswer { seat, generation, number, answer }.pack());
     }
 }
@@ -267,7 +278,12 @@ mod tests {
     #[test]
     fn an_order_and_an_answer_arrive_as_they_were_sent() {
         let turns = KINDS.map(|kind| Order::Turn(kind, u64::MAX - 1));
-        for order in turns.into_iter().chain([Order::Collect, Order::LookAround]) {
+        for order in turns.into_iter().chain([
+            Order::Collect,
+            Order::CatchUp(9),
+            Order::LookAround,
+            Order::Leave,
+        ]) {
             let order = NumberedOrder { order, generation: 7, number: u32::MAX };
             assert_eq!(NumberedOrder::unpack(&order.pack()), Some(order));
         }
@@ -278,6 +294,6 @@ mod tests {
             let answer = NumberedAnswer { seat: 27, generation: u32::MAX, number: 1, answer };
             assert_eq!(NumberedAnswer::unpack(&answer.pack()), Some(answer));
         }
-        assert_eq!(NumberedOrder::unpack(&pack(&[6, 0, 0])), None);
+        assert_eq!(NumberedOrder::unpack(&pack(&[8, 0, 0])), None);
     }
 }

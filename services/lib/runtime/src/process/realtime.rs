@@ -53,7 +53,7 @@ impl Process<'_> {
             let computed = self.executor.compute(due_mono_ns, start_mono_ns);
             if let Some(timing) = timing {
                 let at = (start_mono_ns, release_ns);
-                await_instant(timing.ends_mono_ns(self.seat.role, wall, at));
+                self.await_instant(timing.ends_mono_ns(self.seat.role, wall, at));
             }
             self.executor.publish(computed, mono_now_ns());
         }
@@ -96,8 +96,12 @@ impl Process<'_> {
                     let mut start_mono_ns = now_mono_ns;
                     if let Some(timing) = timing {
                         let at = (now_mono_ns, self.executor.mark_ns());
-                        await_instant(timing.begins_mono_ns(self.seat.role, wall, at));
+                        self.await_instant(timing.begins_mono_ns(self.seat.role, wall, at));
                         start_mono_ns = mono_now_ns();
+                        if !is_timed {
+                            self.read_marks(Roles::ALL, &mut Roles::default());
+                            self.executor.component.receive();
+                        }
                     }
                     if is_timed {
                         self.executor.component.receive();
@@ -105,6 +109,13 @@ impl Process<'_> {
                     return Some((due_mono_ns, start_mono_ns));
                 }
             }
+        }
+    }
+
+    /// Waits until an instant, or until it is asked to stop.
+    fn await_instant(&self, mono_ns: u64) {
+        while mono_now_ns() < mono_ns && self.stop_requested().is_none() {
+            sleep_until(mono_ns.min(mono_now_ns() + LOOK_EVERY_NS));
         }
     }
 
@@ -127,12 +138,5 @@ impl Process<'_> {
                 self.executor.component.receive();
             }
         }
-    }
-}
-
-/// Waits until an instant that has not passed, however often a signal ends the sleep.
-fn await_instant(mono_ns: u64) {
-    while mono_now_ns() < mono_ns {
-        sleep_until(mono_ns);
     }
 }

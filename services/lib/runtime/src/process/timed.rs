@@ -5,12 +5,12 @@ use crate::clock::WallMap;
 use crate::collector::Collector;
 use crate::delays::Delays;
 use crate::graph::Roles;
-use crate::ipc::{NumberedOrder, Order, TurnTaker};
+use crate::ipc::{Order, TurnTaker};
 use crate::pacing::take_effect_when_published;
 use crate::timed::{self, Around, START_MONO_NS, TimedLoop};
 use shared_types::Role;
 use std::rc::Rc;
-use timing::{Script, Who};
+use timing::{Answer, Script, TurnKind, Who};
 
 /// What happens to the time of a process's loop and of the samples that it reads.
 #[derive(Debug)]
@@ -82,26 +82,37 @@ impl Process<'_> {
             if let Some(ending) = self.stop_requested() {
                 return ending;
             }
-            let Some(order) = turns.await_order(WAIT_LIMIT) else {
-                self.look_around();
+            let order = turns.await_order(WAIT_LIMIT);
+            self.look_around();
+            // One that has flown to the end may be told to leave its seat before all may leave.
+            let clock = self.read_clock();
+            if clock.may_leave.is_set() && self.executor.mark_ns() >= clock.end_ns {
+                return Ending::Finished;
+            }
+            let Some(order) = order else {
                 self.serve_again();
                 continue;
             };
-            self.look_around();
-            match order.order {
+            let answer = match order.order {
+                Order::Leave if self.executor.mark_ns() >= self.leave_ns => {
+                    return Ending::Retired;
+                }
+                Order::LookAround | Order::Leave => {
+                    self.serve_again();
+                    continue;
+                }
                 Order::Collect => {
                     ports.collector.collect();
-                    turns.answer(&order, None);
+                    None
                 }
-                Order::LookAround if self.has_to_leave() => return Ending::Retired,
-                Order::LookAround => self.serve_again(),
+                Order::CatchUp(until_ns) => Some(self.catch_up(ports, until_ns)),
                 Order::Turn(kind, at_ns) => {
-                    ports.collector.collect();
-                    let turn = (kind, at_ns);
-                    if let Some(ending) = self.take_turn(&mut own, (timing, turns), &order, turn) {
-                        return ending;
-                    }
+                    Some(self.take_turn(&mut own, (timing, ports), (at_ns, kind), clock.end_ns))
                 }
+            };
+            turns.answer(&order, answer);
+            if self.executor.mark_ns() >= clock.end_ns {
+                self.finish(true);
             }
         }
     }
@@ -109,12 +120,12 @@ impl Process<'_> {
     fn take_turn(
         &mut self,
         own: &mut TimedLoop,
-        (timing, turns): (&Timing, &TurnTaker),
-        order: &NumberedOrder,
-        (kind, at_ns): (timing::TurnKind, u64),
-    ) -> Option<Ending> {
+        (timing, ports): (&Timing, &Ports),
+        turn: (u64, TurnKind),
+        end_ns: u64,
+    ) -> Answer {
+        ports.collector.collect();
         self.read_marks(Roles::ALL, &mut Roles::default());
-        let end_ns = self.read_clock().end_ns;
         let around = Around {
             graph: &self.graph,
             marks: &self.marks,
@@ -122,17 +133,28 @@ impl Process<'_> {
             name: &timing.name,
             end_ns: end_ns.min(self.leave_ns),
         };
-        let answer = own.take_turn((at_ns, kind), &mut self.executor, &around, |_| ());
+        let answer = own.take_turn(turn, &mut self.executor, &around, |_| ());
         if answer.announced_from_ns.is_some() {
             // The launcher says who is woken, when that one's turn is.
             self.serve_and_send(answer.mark_ns);
         }
-        turns.answer(order, Some(answer));
-        // One whose time on the seat is over stays until the launcher lets it leave, between two stretches of the flight.
-        (answer.next.is_none() && answer.mark_ns >= end_ns).then_some(Ending::Finished)
+        answer
     }
 
-    fn has_to_leave(&self) -> bool {
-        self.executor.mark_ns() >= self.leave_ns
+    /// Runs what the process before it had run after its last state, which takes no time and is judged by no policy.
+    fn catch_up(&mut self, ports: &Ports, until_ns: u64) -> Answer {
+        let wall = timed::wall();
+        ports.collector.collect();
+        self.read_marks(Roles::ALL, &mut Roles::default());
+        while self.executor.mark_ns() < until_ns {
+            let at_ns = wall.mono_ns(self.executor.mark_ns());
+            ports.delays.move_to(at_ns);
+            self.executor.component.receive();
+            let computed = self.executor.compute(at_ns, at_ns);
+            self.executor.publish(computed, at_ns);
+        }
+        let mark_ns = self.executor.mark_ns();
+        self.serve_and_send(mark_ns);
+        Answer { next: None, announced_from_ns: None, mark_ns }
     }
 }
