@@ -107,6 +107,11 @@ fn what_a_stopped_estimator_makes_its_readers_miss_is_counted_located_and_named(
     let events = String::from_utf8_lossy(&events.expect("it starts").stdout).into_owned();
     let told = "2.000000 s  info  launcher: fault: estimator is stopped from 2.000 s to 2.300 s";
     assert!(events.contains(told), "{events}");
+    let page = flown.recording_path().with_extension("html");
+    let view = morphquad(["view"]).arg(flown.recording_path()).arg("--out").arg(&page).output();
+    assert!(view.expect("it starts").status.success());
+    let page = std::fs::read_to_string(page).expect("the page");
+    assert!(page.contains("\"until_s\":2.3"), "the page has no window");
 }
 
 #[test]

@@ -82,7 +82,7 @@ class Chart {
     context.rect(box.left, box.top, box.right - box.left, box.bottom - box.top);
     context.clip();
     for (const mark of marks) {
-      if (mark.until_s !== undefined) this.band([x(mark.at_s), x(mark.until_s)], box, colour(MARKS[mark.kind].colour));
+      if (mark.until_s !== undefined) this.shade([x(mark.at_s), x(mark.until_s)], box, colour(MARKS[mark.kind].colour));
     }
     for (const mark of marks) this.upright(x(mark.at_s), box, colour(MARKS[mark.kind].colour), [3, 3]);
     for (const line of chart.levels) {
@@ -127,7 +127,7 @@ class Chart {
   }
 
   /** What goes on for a while; what is outside the chart is cut off. */
-  band([from, to], box, colour) {
+  shade([from, to], box, colour) {
     const { context } = this;
     context.globalAlpha = 0.12;
     context.fillStyle = colour;
