@@ -1,14 +1,15 @@
 //! Keeps the processes of a flight alive: ready, owners, restarts, stalls, exit reasons.
 //!
-//! `registration.rs` has who comes, `deaths.rs` who goes, `take_over.rs` how the next launcher goes on.
+//! `registration.rs` has who comes, `deaths.rs` who goes, `participants.rs` which loops fly, `take_over.rs` how the next
+//! launcher goes on.
 
 mod deaths;
+mod participants;
 mod registration;
 mod take_over;
 
 use super::checkpoint::CheckpointWriter;
 use super::tap::Tap;
-use super::turns::Participant;
 use runtime::clock::{WallMap, mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
 use runtime::namespace::BASE;
@@ -182,52 +183,6 @@ impl Supervisor {
     /// Who takes part now.
     pub(super) fn present(&self) -> impl Iterator<Item = &RegistryEntry> {
         self.registry.entries().iter().filter(|entry| entry.present.is_set())
-    }
-
-    /// True once every process has given what it had published to all that have joined: what those hear of a process that
-    /// dies now is then certain. One that does not is not waited for any longer than [`SERVE_LIMIT_NS`].
-    pub(super) fn has_served(&self, tap: &Tap, now_mono_ns: u64) -> bool {
-        let since_ns = self.joined_mono_ns;
-        let has_served = |entry: &RegistryEntry| {
-            let seat = Seat { role: entry.role, index: entry.seat };
-            tap.marks.has_served(seat, entry.generation, since_ns)
-        };
-        now_mono_ns >= since_ns.saturating_add(SERVE_LIMIT_NS) || self.present().all(has_served)
-    }
-
-    /// True if a loop has given all that have joined what it had published, however long that takes.
-    pub(super) fn has_served_all(&self, one: &Participant, tap: &Tap) -> bool {
-        tap.marks.has_served(one.seat, one.generation, self.joined_mono_ns)
-    }
-
-    /// The loops that fly: what has been started in flight does so once it has been told where to begin.
-    pub(super) fn participants(&self) -> Vec<Participant> {
-        let flies = |entry: &&RegistryEntry| {
-            let of_seat =
-                |post: &&Post| (post.seat.role, post.seat.index) == (entry.role, entry.seat);
-            self.posts.iter().find(of_seat).is_none_or(Post::flies)
-        };
-        let participant = |entry: &RegistryEntry| {
-            let seat = Seat { role: entry.role, index: entry.seat };
-            let post = self.posts.iter().find(|post| post.seat == seat);
-            let name = post.map_or(seat.role.label(), |post| post.spec.name.as_str());
-            let goes_on = post.is_none_or(|post| post.goes_on);
-            let (generation, name) = (entry.generation, name.to_owned());
-            Participant { seat, generation, name, goes_on }
-        };
-        self.present().filter(flies).map(participant).collect()
-    }
-
-    /// True while a process is starting, is to be started again, or has been told to end and has not.
-    pub(super) fn is_changing(&self) -> bool {
-        self.posts.iter().any(|post| {
-            post.restart_at_ns.is_some() || post.child.is_some() && (!post.ready || post.scripted)
-        })
-    }
-
-    /// True if something has happened in the slots of which these have not heard.
-    pub(super) fn has_events(&self) -> bool {
-        !self.events.is_empty()
     }
 
     /// Looks after deaths and successors; call often.
