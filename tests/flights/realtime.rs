@@ -93,7 +93,7 @@ fn a_loop_bears_as_long_steps_by_the_wall_clock_as_the_study_of_timing_says() {
         for (share, code) in [(0.8, 0), (1.2, 1)] {
             let step = format!("{role}:step={:.3}ms", 1e3 * share * limit_s);
             // By the limits that it has by itself, of which one is named.
-            let judged = ["--set", "verdict.dropped_max=0"];
+            let judged = ["--set", "verdict.lost_m=1.0"];
             let flags = ["figure8-morph", "--clock", "realtime", "--timing", &step];
             let flown = fly(&[&flags[..], &judged].concat());
             println!("{step}, {share} of the limit: {}", flown.verdict());
