@@ -47,7 +47,7 @@ use std::thread::JoinHandle;
 use swap::services::{HeldServices, Wakers};
 use swap::{FlightError, Script, SlotContext, Slots};
 use timed::Timed;
-use timing::Window;
+use timing::ToTell;
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
@@ -171,8 +171,8 @@ struct Flight {
     conductor: Conductor,
     /// Of a flight whose clock this launcher moves.
     timed: Option<Timed>,
-    /// What of a script of times has not begun, the earliest last: when, and what.
-    to_come: Vec<(Window, String)>,
+    /// Of a script of times.
+    to_tell: ToTell,
     /// Orders of clients that have not been carried out.
     asked: Vec<(Request, Answer)>,
     tap: Tap,

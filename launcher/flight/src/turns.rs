@@ -6,9 +6,9 @@ use runtime::clock::{WallMap, mono_now_ns};
 use runtime::graph::READER_CAPACITY;
 use runtime::ipc::{Bus, NumberedAnswer, NumberedOrder, Order, PortError, TurnGiver};
 use runtime::timed::{self, START_MONO_NS};
-use shared_types::Seat;
+use shared_types::{Role, Seat};
 use std::time::Duration;
-use timing::{Agenda, Answer, Script, Turn, TurnKind, Who};
+use timing::{Agenda, Script, Turn, TurnKind, Who};
 
 /// Most turns between two looks of the launcher: what they publish fits into its rings.
 const TURNS_MAX: u32 = 100;
@@ -219,10 +219,10 @@ impl Turns {
         known.is_behind = false;
         if mark_ns > before_ns {
             known.begun_ns = None;
-            let turn = Turn { at_ns: self.now_mono_ns, kind: TurnKind::Look, index: number };
-            self.agenda.plan(number, turn.kind, turn.at_ns);
-            let answer = Answer { next: None, announced_from_ns: Some(before_ns), mark_ns };
-            self.wake_by(turn, answer, graph, (participant, participants));
+            let at_ns = self.now_mono_ns;
+            self.agenda.plan(number, TurnKind::Look, at_ns);
+            let woken = graph.wakes(participant.seat.role, before_ns, mark_ns);
+            self.wake(woken, at_ns, participants);
         }
     }
 
@@ -269,28 +269,28 @@ impl Turns {
             let (mark_ns, turns) = (answer.mark_ns, self.taken);
             self.known[number] = Known { mark_ns, turns, begun_ns, is_behind: false };
             self.agenda.go_on(number, answer.next);
-            self.wake_by(turn, answer, graph, (participant, participants));
+            if let Some(before_ns) = answer.announced_from_ns {
+                let woken = graph.wakes(participant.seat.role, before_ns, mark_ns);
+                self.wake(woken, turn.at_ns, participants);
+            }
         } else if let Some(answer) = answer {
             self.take_up(answer.mark_ns, graph, (participant, participants));
         }
         true
     }
 
-    /// Wakes those whose next release may be unblocked by how far a loop has got.
-    fn wake_by(
+    /// Wakes the loops of these roles at an instant of the clock \[ns\].
+    fn wake(
         &mut self,
-        turn: Turn,
-        answer: Answer,
-        graph: &Graph,
-        (participant, participants): (&Participant, &[Participant]),
+        roles: impl Iterator<Item = Role>,
+        at_ns: u64,
+        participants: &[Participant],
     ) {
-        let Some(before_ns) = answer.announced_from_ns else { return };
-        for role in graph.wakes(participant.seat.role, before_ns, answer.mark_ns) {
+        for role in roles {
             for woken in participants.iter().filter(|p| p.seat.role == role) {
                 let number = woken.number();
                 let mark_ns = self.known[number].mark_ns;
-                let at_ns = self.script.woken_ns(woken.who(), turn.at_ns, mark_ns);
-                if let Some(at_ns) = at_ns {
+                if let Some(at_ns) = self.script.woken_ns(woken.who(), at_ns, mark_ns) {
                     self.agenda.wake(number, at_ns);
                 }
             }

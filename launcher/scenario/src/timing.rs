@@ -283,7 +283,7 @@ pub(super) fn check(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     };
     let by_the_wall = settings.scenario.clock == Clock::Realtime;
     if let Some(path) = settings.candidates().find(|name| name.contains('/') && !by_the_wall) {
-        let what = format!("{path} is a process, which takes its own time");
+        let what = format!("{path} is a process of its own, which takes no turns");
         refuse("timing", &what, "swap to a service of morphquad, or leave either of the two away");
     }
     for (index, entry) in settings.timing.iter().enumerate() {

@@ -75,10 +75,6 @@ impl Base {
         if own.is_ok_and(|scenario| scenario.settings().scenario.clock == Clock::Realtime) {
             words.push(format!("--clock {LOCKSTEP}"));
         }
-        let flown = self.scenario(axes, case);
-        if flown.is_ok_and(|scenario| !scenario.settings().timing.is_empty()) {
-            words.push("--in-process".to_owned());
-        }
         words.join(" ")
     }
 }
@@ -158,16 +154,16 @@ mod tests {
     }
 
     #[test]
-    fn a_scenario_whose_loops_take_time_is_flown_in_one_process_by_its_command() {
+    fn the_command_of_a_case_tells_the_time_that_its_loops_take() {
         let text = "[[timing]]\nloop = \"attitude\"\nstep_s = 0.001\n".to_owned();
         let base = Base { name: "late.toml".into(), text, set: Vec::new() };
         let axis = Axis { key: "timing.0.step_s".into(), values: vec!["0.012".into()] };
         let case = Case { seed: 3, values: axis.values.clone() };
-        let expected = "morphquad run late.toml --set timing.0.step_s=0.012 --seed 3 --in-process";
+        let expected = "morphquad run late.toml --set timing.0.step_s=0.012 --seed 3";
         assert_eq!(base.command(&[axis], &case), expected);
         let set = vec!["timing=[{ loop = \"attitude\", stopped = true }]".to_owned()];
         let base = Base { name: "hover".into(), text: String::new(), set };
         let command = base.command(&[], &Case { seed: 3, values: Vec::new() });
-        assert!(command.ends_with(" --seed 3 --in-process"), "{command}");
+        assert!(command.contains("stopped = true") && command.ends_with(" --seed 3"), "{command}");
     }
 }

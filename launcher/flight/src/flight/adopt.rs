@@ -258,8 +258,7 @@ impl Flight {
         self.progress_at = (now_ns, 0);
         self.protect();
         self.script.skip_before(self.begun.0);
-        let begun_ns = self.begun.0;
-        self.to_come.retain(|(window, _)| window.until_ns > begun_ns);
+        self.to_tell.skip_before(self.begun.0);
         self.orders.go_on(&checkpoint.guidance.0, &checkpoint.disturbance.0);
         self.conductor.say_again();
         let led = self.supervisor.go_on(checkpoint, &mut self.tap, now_ns);

@@ -38,7 +38,6 @@ use simulate::setup::{
 use swap::child::{ChildSpec, Launch};
 use swap::services::{HeldServices, Wakers};
 use swap::{FlightError, Script, SlotWatch, Slots};
-use timing::Window;
 
 /// From the announcement of a realtime flight to its start \[ns\].
 const COUNTDOWN_NS: u64 = 100_000_000;
@@ -80,13 +79,6 @@ pub(super) fn takes_all_memory(scenario: &Scenario) -> bool {
 
 pub(super) fn graph_of(scenario: &Scenario) -> Result<Graph, RunError> {
     scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))
-}
-
-/// What a script of times tells, the earliest last.
-fn told(scenario: &Scenario) -> Vec<(Window, String)> {
-    let mut told = scenario.timing().map(|script| script.told()).unwrap_or_default();
-    told.reverse();
-    told
 }
 
 impl Flight {
@@ -178,7 +170,7 @@ impl Flight {
             tap: Tap::open(&bus, &graph, sinks)?,
             conductor,
             timed,
-            to_come: told(&options.scenario),
+            to_tell: options.scenario.timing().unwrap_or_default().to_tell(),
             asked: Vec::new(),
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,

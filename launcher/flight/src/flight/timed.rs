@@ -80,10 +80,9 @@ impl Flight {
 
     /// Tells in the recording what of the script of times begins by an instant \[ns\].
     pub(super) fn tell_until(&mut self, now_ns: u64) {
-        while let Some((window, text)) = self.to_come.pop_if(|(window, _)| window.from_ns <= now_ns)
-        {
+        while let Some((from_ns, text)) = self.to_tell.next_by(now_ns) {
             let text = format!("{FAULT}{text}");
-            self.tap.sinks.note(window.from_ns, Severity::Info, "launcher", &text);
+            self.tap.sinks.note(from_ns, Severity::Info, "launcher", &text);
         }
     }
 

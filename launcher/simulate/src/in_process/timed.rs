@@ -12,7 +12,7 @@ use runtime::timed::{self, Around, START_MONO_NS, TimedLoop};
 use shared_types::Seat;
 use std::rc::Rc;
 use swap::FAULT;
-use timing::{Agenda, Answer, Script, Turn, TurnKind, Window};
+use timing::{Agenda, Answer, Script, ToTell, Turn, TurnKind};
 
 /// The clock, and whose turn is when.
 pub(super) struct TimedClock {
@@ -23,8 +23,7 @@ pub(super) struct TimedClock {
     loops: [Option<TimedLoop>; Seat::COUNT],
     wall: WallMap,
     now_mono_ns: u64,
-    /// What of the script has not begun, the earliest last: when, and what.
-    to_come: Vec<(Window, String)>,
+    to_tell: ToTell,
     observer: Rc<dyn ErasedObserver>,
 }
 
@@ -48,8 +47,7 @@ fn number(l: &Loop) -> usize {
 impl TimedClock {
     /// Before the first turn.
     pub(super) fn new(script: Script, observer: Rc<dyn ErasedObserver>) -> Self {
-        let mut to_come = script.told();
-        to_come.reverse();
+        let to_tell = script.to_tell();
         let script = Rc::new(script.on_clock(START_MONO_NS));
         Self {
             delays: Rc::new(Delays::new(Rc::clone(&script))),
@@ -58,7 +56,7 @@ impl TimedClock {
             loops: [const { None }; Seat::COUNT],
             wall: timed::wall(),
             now_mono_ns: 0,
-            to_come,
+            to_tell,
             observer,
         }
     }
@@ -109,9 +107,8 @@ impl TimedClock {
     /// Tells in the recording what of the script begins by an instant of this clock \[ns\].
     fn tell_until(&mut self, at_mono_ns: u64) {
         let now_ns = self.wall.logical_ns(at_mono_ns);
-        while let Some((window, text)) = self.to_come.pop_if(|(window, _)| window.from_ns <= now_ns)
-        {
-            self.observer.note(window.from_ns, false, &format!("{FAULT}{text}"));
+        while let Some((from_ns, text)) = self.to_tell.next_by(now_ns) {
+            self.observer.note(from_ns, false, &format!("{FAULT}{text}"));
         }
     }
 

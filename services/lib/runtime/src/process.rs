@@ -1,15 +1,17 @@
 //! The loop of a real process: waits for permission, runs whole intervals, says how far it got.
 //!
-//! `lockstep.rs` and `realtime.rs` are the two clocks, `timed.rs` is one that the launcher moves, `surroundings.rs` is
+//! `lockstep.rs` and `realtime.rs` are the two clocks, `timed.rs` is one that the launcher moves, `timing.rs` what a
+//! script has a process take, `surroundings.rs` is
 //! whom it waits for and wakes.
 
 mod lockstep;
 mod realtime;
 mod surroundings;
 mod timed;
+mod timing;
 
-pub(crate) use timed::Ports;
-pub use timed::Timing;
+pub(crate) use timing::Ports;
+pub use timing::Timing;
 
 use crate::clock::{WallMap, mono_now_ns};
 use crate::executor::Executor;
@@ -223,7 +225,7 @@ impl<'a> Process<'a> {
         self.look_around();
         self.publish_progress();
         let (timing, turns) = (self.timing.take(), self.turns.take());
-        let is_timed = turns.is_some();
+        let takes_turns = turns.is_some();
         let ports = timing.as_ref().and_then(|timing| timing.ports.clone());
         let ending = if let (Some(timing), Some(ports), Some(turns)) = (&timing, ports, turns) {
             self.run_timed(timing, &ports, &turns)
@@ -232,11 +234,11 @@ impl<'a> Process<'a> {
         } else {
             self.run_realtime(WallMap::new(&record), timing.as_ref())
         };
-        self.finish(is_timed);
+        self.finish(takes_turns);
         if ending == Ending::Finished {
             // Nothing will ever follow: a process that still waits for this one need not.
             // On a clock that the launcher moves it is waited for as long as it would be by the wall clock.
-            if !is_timed {
+            if !takes_turns {
                 self.announce(self.executor.mark_ns(), u64::MAX);
             }
             // Without a launcher no process is left that could say so, and none that listens.
@@ -251,9 +253,9 @@ impl<'a> Process<'a> {
     }
 
     /// Publishes the totals of the flight, once. One that a script has stopped all the time has nothing to tell.
-    fn finish(&mut self, is_timed: bool) {
+    fn finish(&mut self, takes_turns: bool) {
         let is_first = !core::mem::replace(&mut self.has_finished, true);
-        if is_first && (!is_timed || self.executor.steps() > 0) {
+        if is_first && (!takes_turns || self.executor.steps() > 0) {
             self.executor.finish();
         }
     }

@@ -16,5 +16,6 @@ mod script;
 pub use agenda::{Agenda, Answer, Turn, TurnKind};
 pub use duration::Duration;
 pub use script::{
-    Arrival, LoopEffect, LoopEntry, RecordedStep, SampleEffect, SampleEntry, Script, Who, Window,
+    Arrival, LoopEffect, LoopEntry, RecordedStep, SampleEffect, SampleEntry, Script, ToTell, Who,
+    Window,
 };

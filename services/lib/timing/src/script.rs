@@ -206,6 +206,14 @@ impl Script {
         told
     }
 
+    /// The same, to be told as each begins.
+    #[must_use]
+    pub fn to_tell(&self) -> ToTell {
+        let mut told = self.told();
+        told.reverse();
+        ToTell(told)
+    }
+
     /// When a loop whose next release is given begins that has reason to at `at_ns` \[ns\].
     #[must_use]
     pub fn begins_ns(&self, who: Who<'_>, at_ns: u64, release_ns: u64) -> u64 {
@@ -336,6 +344,23 @@ impl Script {
         let mut noise = Noise::new(self.seed, Source::TIMING, number as u64);
         noise.seek(release_ns);
         noise.uniform()
+    }
+}
+
+/// What of a script has not been told, the earliest last.
+#[derive(Debug, Clone)]
+pub struct ToTell(Vec<(Window, String)>);
+
+impl ToTell {
+    /// The next entry that begins by an instant, and from when it holds \[ns\].
+    pub fn next_by(&mut self, now_ns: u64) -> Option<(u64, String)> {
+        let next = self.0.pop_if(|(window, _)| window.from_ns <= now_ns);
+        next.map(|(window, text)| (window.from_ns, text))
+    }
+
+    /// Leaves out what is over at an instant \[ns\].
+    pub fn skip_before(&mut self, now_ns: u64) {
+        self.0.retain(|(window, _)| window.until_ns > now_ns);
     }
 }
 
