@@ -14,6 +14,14 @@ pub(crate) fn rogue() -> &'static str {
     })
 }
 
+/// As [`config`], from when on a file is there.
+pub(crate) fn config_from(folder: &TempDir, what: &str, from: &Path, amount: f64) -> String {
+    let path = folder.path().join(format!("{what}-from-a-file.toml"));
+    let text = format!("what = {what:?}\nfrom_file = {from:?}\namount = {amount:?}\n");
+    std::fs::write(&path, text).expect("room");
+    path.display().to_string()
+}
+
 /// What it is told.
 pub(crate) fn config(folder: &TempDir, what: &str, from_s: f64, amount: f64) -> String {
     let path = folder.path().join(format!("{what}-{from_s}-{amount}.toml"));

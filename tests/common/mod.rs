@@ -10,6 +10,7 @@ pub(crate) mod held;
 pub(crate) mod misdeeds;
 pub(crate) mod processes;
 pub(crate) mod recording;
+pub(crate) mod spectator;
 pub(crate) mod time;
 
 use recording::Recording;

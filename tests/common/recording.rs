@@ -63,7 +63,13 @@ impl Recording {
 
     /// Instant of the last sample of a topic before the place where a killed writer left off \[s\].
     pub(crate) fn end_of_a_cut_file(&self, topic: &str) -> f64 {
-        self.last_of_a_cut_file(topic, &[]).t_s
+        let options = mcap::read::Options::IgnoreEndMagic.into();
+        let messages = MessageStream::new_with_options(&self.0, options);
+        let messages = messages.expect("a readable start").map_while(Result::ok);
+        let of_topic = messages.filter(|m| m.channel.topic.strip_prefix('/') == Some(topic));
+        let last = of_topic.last().unwrap_or_else(|| panic!("nothing on {topic}"));
+        let sample = DynamicMessage::decode(descriptor(&last.channel), &*last.data);
+        row(&sample.expect("a message of its schema"), &[]).t_s
     }
 
     /// Whether any sample of a topic can be read of a file that is being written, at whatever place it has arrived.
@@ -80,21 +86,6 @@ impl Recording {
         let Ok(messages) = MessageStream::new_with_options(&self.0, options) else { return false };
         let has = |bytes: &[u8]| bytes.windows(text.len()).any(|part| part == text.as_bytes());
         messages.map_while(Result::ok).any(|message| has(&message.data))
-    }
-
-    /// When that was published, on the host's clock \[s\].
-    pub(crate) fn last_published_of_a_cut_file(&self, topic: &str) -> f64 {
-        self.last_of_a_cut_file(topic, &["header.publish_mono_ns"]).values[0] * 1e-9
-    }
-
-    fn last_of_a_cut_file(&self, topic: &str, fields: &[&str]) -> Row {
-        let options = mcap::read::Options::IgnoreEndMagic.into();
-        let messages = MessageStream::new_with_options(&self.0, options);
-        let messages = messages.expect("a readable start").map_while(Result::ok);
-        let of_topic = messages.filter(|m| m.channel.topic.strip_prefix('/') == Some(topic));
-        let last = of_topic.last().unwrap_or_else(|| panic!("nothing on {topic}"));
-        let sample = DynamicMessage::decode(descriptor(&last.channel), &*last.data);
-        row(&sample.expect("a message of its schema"), fields)
     }
 
     /// Every message of the flight without what depends on the host: stamps (also inside states, of

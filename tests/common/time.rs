@@ -48,6 +48,14 @@ pub(crate) fn pause_ms(ms: u64) {
     sleep_until(mono_now_ns() + ms * 1_000_000);
 }
 
+/// Waits for nothing in particular, where a longer wait changes nothing.
+pub(super) fn pause_at_least(s: f64) {
+    let begin_s = host_s();
+    while host_s() < begin_s + s {
+        pause_ms(20);
+    }
+}
+
 /// Seconds on the host's clock.
 pub(crate) fn host_s() -> f64 {
     mono_now_ns() as f64 * 1e-9

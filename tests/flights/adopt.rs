@@ -1,17 +1,19 @@
 //! A realtime flight whose launcher is killed goes on: alone for a grace, then under the next launcher, or
 //! down to the ground. All of it by the wall clock, so only survival and order are asserted.
 
-use crate::common::misdeeds::{config, rogue};
+use crate::common::misdeeds::{config, config_from, rogue};
 use crate::common::morphquad;
 use crate::common::processes::{Running, kill, left_in_shared_memory, processes_of, ps};
 use crate::common::recording::Recording;
-use crate::common::time::{host_s, pause_ms, wait_for, wait_until};
+use crate::common::spectator::Spectator;
+use crate::common::time::{wait_for, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
+use std::io::{BufRead as _, BufReader};
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use tempfile::TempDir;
 
 /// A launcher that takes over.
@@ -21,6 +23,15 @@ impl Adopter {
     fn start(run: &str) -> Self {
         let adopter = morphquad(["adopt", run, "--format", "json"]).spawn();
         Self(adopter.expect("the executable starts"))
+    }
+
+    /// What it has said, once it has ended.
+    fn said_so_far(&mut self) -> String {
+        let mut said = String::new();
+        if let Some(stderr) = self.0.stderr.as_mut() {
+            std::io::Read::read_to_string(stderr, &mut said).expect("text");
+        }
+        said
     }
 
     /// Its end: exit code, summary, and what it said.
@@ -148,20 +159,25 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
     assert_nothing_left(&run);
 }
 
+/// It frees what the dead launcher has left while the next one takes that over.
 #[test]
-#[ignore = "soak: by the wall clock, on a busy machine the vehicle strays by itself"]
 fn a_process_that_writes_in_the_place_of_a_dead_launcher_is_not_followed() {
-    let running = realtime(&["--for", "60s"]);
+    let running = slowly(&["--for", "60s"]);
     let run = running.id().to_owned();
     running.kill_launcher();
-    let folder = format!("/dev/shm/mq-{run}");
-    let mut usurper = Command::new(rogue()).args(["usurp", &folder]).spawn().expect("it starts");
-    pause_ms(1_500);
-    let adopter = Adopter::start(&run);
+    let mut usurper = Command::new(rogue());
+    usurper.args(["usurp", &format!("/dev/shm/mq-{run}")]).stdout(Stdio::piped());
+    let mut usurper = usurper.spawn().expect("it starts");
+    let mut adopter = Adopter::start(&run);
     wait_until("another launcher leads", || {
+        assert!(matches!(adopter.0.try_wait(), Ok(None)), "{:?}", adopter.said_so_far());
         ps(&run).is_some_and(|status| status["launcher_pid"] == adopter.0.id())
     });
-    pause_ms(1_000);
+    let mut writes = BufReader::new(usurper.stdout.take().expect("a pipe"));
+    writes.read_line(&mut String::new()).expect("it writes");
+    let flown_s = || ps(&run).and_then(|status| status["flown_s"].as_f64()).unwrap_or(0.0);
+    let written_s = flown_s();
+    wait_until("it flies on", || flown_s() > written_s + 0.1);
     // Who is killed as the last of a run leaves the run to the next one's sweep.
     usurper.kill().expect("it still writes");
     usurper.wait().expect("it ends");
@@ -177,17 +193,14 @@ fn a_process_that_writes_in_the_place_of_a_dead_launcher_is_not_followed() {
 
 /// The watch needs no launcher: it is a process of the flight, and each consumer follows its trips by itself.
 #[test]
-#[ignore = "soak: the owner turns away 12 s later, by which the swap must have been made"]
 fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies_on() {
     let (rogue, folder) = (rogue(), TempDir::new().expect("a folder"));
-    let running = realtime(&["--for", "60s"]);
+    let running = slowly(&["--for", "60s"]);
     let run = running.id().to_owned();
+    let mut spectator = Spectator::join(&run);
     let proven = in_attitude(&run, "owner").expect("an owner");
-    // Well after the swap, however long a busy machine takes for it.
-    let flown_s =
-        || ps(&run).and_then(|status| status["flown_s"].as_f64()).expect("a running flight");
-    let turns_s = flown_s() + 12.0;
-    let config = config(&folder, "gain", turns_s, -1.0);
+    let turns = folder.path().join("turns");
+    let config = config_from(&folder, "gain", &turns, -1.0);
     let swap = ["swap", "attitude", "--to", rogue, "--config", &config, "--shadow", "400ms"];
     let swap = [&swap[..], &["--rollback", "100ms", "--no-rehearsal", "--run", &run]].concat();
     let mut said = (None, String::new());
@@ -197,13 +210,12 @@ fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies
     });
     let bad = in_attitude(&run, "owner").expect("an owner");
     assert_ne!(bad, proven, "{said:?}");
-    let left_s = turns_s - flown_s();
-    assert!(left_s > 0.5, "{said:?}");
-    assert!(kill(running.launcher_pid(), Signal::KILL));
-    let tripped_s = host_s() + left_s + 1.5;
-    while host_s() < tripped_s {
-        pause_ms(50);
-    }
+    running.kill_launcher();
+    fs::write(&turns, "").expect("room");
+    spectator.wait_until("it is tripped, and the proven one commands", |_, applied| {
+        applied.tripped.is_set() && u64::from(applied.seat) == proven.1
+    });
+    drop(spectator);
     let adopter = Adopter::start(&run);
     wait_until("the new launcher", || {
         ps(&run).is_some_and(|status| status["launcher_pid"] == adopter.0.id())
@@ -258,15 +270,25 @@ fn without_a_launcher_to_take_over_the_vehicle_lands_and_nothing_is_left() {
     assert!(said.contains(&format!("no run is called {run}")), "{said}");
 }
 
+/// However slowly time runs, and from wherever the vehicle has been sent.
 #[test]
-#[ignore = "soak: the processes must still be there 2 s after the launcher's death"]
 fn without_a_launcher_the_processes_land_before_they_leave() {
-    let running = realtime(&["--for", "60s", "--set", "launcher.launcher_grace_s=0.5"]);
-    let run = running.id().to_owned();
-    assert!(kill(running.launcher_pid(), Signal::KILL));
-    pause_ms(2000);
-    assert_eq!(processes_of(&run).len(), 6, "they land first");
-    assert_nothing_left(&run);
+    for (speed, height_m) in [("0.5", None), ("2", Some(4.0))] {
+        let grace = ["--for", "600s", "--set", "launcher.launcher_grace_s=0.5"];
+        let running = realtime(&[&grace[..], &["--speed", speed]].concat());
+        let run = running.id().to_owned();
+        let mut spectator = Spectator::join(&run);
+        if let Some(height_m) = height_m {
+            let order = ["goto", "0", "0", &format!("{height_m}"), "--run", &run];
+            let said = say(&order);
+            assert_eq!(said.0, Some(0), "{said:?}");
+            spectator.wait_until("it is there", |truth, _| truth.position_w_m[2] > 0.9 * height_m);
+        }
+        running.kill_launcher();
+        spectator.wait_until("it lands", |truth, _| truth.position_w_m[2] < 0.1);
+        drop(spectator);
+        assert_nothing_left(&run);
+    }
 }
 
 #[test]

@@ -70,7 +70,7 @@ fn only_tests_of_the_soak_pause_or_read_the_clock() {
             }
         }
     }
-    assert!(paused > 5, "{paused} places");
+    assert!(paused > 3, "{paused} places");
 }
 
 #[test]

@@ -5,6 +5,7 @@
 
 mod adopt;
 mod finish;
+mod landing;
 mod start;
 mod timed;
 mod watch;
@@ -23,6 +24,7 @@ use super::supervisor::Supervisor;
 use super::tap::Tap;
 use super::viewer_process::ViewerProcess;
 use host::realtime::may_lock_memory;
+use landing::Described;
 use observe::stopwatch::Stopwatch;
 use protocol::control::protocol::{Done, Reply, Request};
 use protocol::control::server::Answer;
@@ -37,11 +39,11 @@ use scenario::needs::shared_memory_mb;
 use scenario::orders::Planner;
 use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, ClockRecord, Role, Seat};
-use simulate::Summary;
 use simulate::setup::{
     RunError, RunOptions, Unflown, clock_of, facts, pinned_cpu, require_descriptors,
     require_own_proc, require_processor, require_shared_memory, require_tasks, run_id, system,
 };
+use simulate::{Speed, Summary};
 use slot::supervisor::Now;
 use std::thread::JoinHandle;
 use swap::services::{HeldServices, Wakers};
@@ -107,8 +109,11 @@ fn fly(
     require_shared_memory(shared_memory_mb(options.scenario.settings(), may_lock_memory()))?;
     require_descriptors()?;
     require_tasks()?;
-    let described =
+    let mut described =
         options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;
+    if let Speed::Times(times) = options.speed {
+        described.speed = times;
+    }
     let grants = Grants::ask(&options.scenario, &described)?;
     let id = run_id();
     // Declared before everything that uses the transport, so that it is dropped last and wipes; and before the
@@ -138,8 +143,13 @@ fn fly(
     };
     let checkpoint_writer =
         CheckpointWriter::open(membership.folder(), of, clock_of(&options.scenario));
-    let mut flight =
-        Flight::prepare(options, &membership, stop, recording, (live, checkpoint_writer))?;
+    let mut flight = Flight::prepare(
+        options,
+        &membership,
+        stop,
+        recording,
+        (live, checkpoint_writer, described),
+    )?;
     flight.tap.sinks.stopwatch = stopwatch;
     let started = flight.start(&membership, options, &grants);
     let outcome = match started {
@@ -202,6 +212,7 @@ struct Flight {
     removals: (u32, u32),
     /// When a process had joined last as memory was reserved, by `CLOCK_MONOTONIC` \[ns\].
     reserved_after_ns: u64,
+    described: Described,
     /// Takes the memory of what has been made since, where none is locked.
     reservation: Option<Reservation>,
     /// The clock as the run's processes hear it.
@@ -369,6 +380,7 @@ impl Flight {
         };
         let done = act(&mut self.slots, &mut context);
         self.pass_on_news(now.logical_ns);
+        self.note_landing();
         done
     }
 

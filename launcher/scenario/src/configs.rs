@@ -14,6 +14,15 @@ use plant::gate::UnprovenRange;
 use position_mpc::PositionLawConfig;
 use shared_types::{Role, Slot};
 
+/// From the end of a descent until the vehicle stands still on the ground, and by how much the descent may have begun
+/// late, as the reference ends ahead of time \[s\].
+const SETTLE_S: f64 = 1.5;
+
+/// How long the vehicle needs to land from a height \[s\].
+pub(crate) fn landing_s(landing: &Landing, height_m: f64) -> f64 {
+    landing.lasts_s(height_m) + SETTLE_S
+}
+
 impl Scenario {
     /// What the plant is built from.
     ///
@@ -90,7 +99,7 @@ impl Scenario {
     }
 
     /// What position controllers fly without a reference.
-    fn landing(&self) -> Landing {
+    pub(crate) fn landing(&self) -> Landing {
         Landing { after_s: self.settings.launcher.launcher_grace_s, ..Landing::default() }
     }
 

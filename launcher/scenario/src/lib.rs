@@ -221,6 +221,12 @@ impl Scenario {
         }
     }
 
+    /// The highest place of what is planned \[m\].
+    pub(crate) fn highest_m(&self) -> f64 {
+        let planned = self.trajectory().map(|path| path.heights_m(self.flown_of_the_plan_ns())[1]);
+        planned.unwrap_or(0.0).max(self.settings.start.position_w_m[2])
+    }
+
     /// Which part of the pilot's plan is flown: its first and last instant \[ns\].
     pub(crate) fn flown_of_the_plan_ns(&self) -> [u64; 2] {
         let at_ns = self.settings.start.at_ns();
@@ -244,6 +250,7 @@ impl Scenario {
             realtime: Realtime { policy, lock_memory, timer_slack_ns, strict },
             claims: &rights::claims(&self.settings.realtime, &graph),
             grace_s: self.settings.launcher.launcher_grace_s,
+            landing_s: configs::landing_s(&self.landing(), self.highest_m()),
             start_yaw_rad: self.start_yaw_rad(),
             vehicle: &self.modelled_vehicle(),
             graph: &graph,

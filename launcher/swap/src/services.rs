@@ -1,6 +1,7 @@
 //! Every service of a run, held by its launcher for as long as that lives.
 
 use runtime::Graph;
+use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, HANDOVER_DEPTH, PortError, STATE_DEPTH, ServiceKind, WakeNotifier};
 use runtime::namespace::SpareLinks;
 use shared_types::wire::Wire;
@@ -30,6 +31,12 @@ pub struct RemovedServices {
     pub put_back: io::Result<()>,
 }
 
+/// For how long a service that can be neither opened nor made is tried again, while another program may be removing it
+/// \[ns\].
+const REMOVAL_LIMIT_NS: u64 = 5_000_000_000;
+/// From one attempt to the next \[ns\].
+const AGAIN_AFTER_NS: u64 = 5_000_000;
+
 /// Makes services, or finds those of a launcher that has died and makes what is missing: another program may have freed
 /// what that launcher alone held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,13 +60,8 @@ impl TopicVisitor for Holder<'_> {
         if self.only_for.is_some_and(|(graph, role)| !concerns(graph, role, &topic.info)) {
             return Ok(());
         }
-        let factory = if self.creates(topic.info.name) {
-            self.bus.create_topic(topic)?
-        } else {
-            self.bus.open_topic(topic)?
-        };
-        self.hold(topic.info.name.to_owned(), factory);
-        Ok(())
+        let bus = self.bus;
+        self.hold(topic.info.name.to_owned(), || bus.create_topic(topic), || bus.open_topic(topic))
     }
 }
 
@@ -68,17 +70,34 @@ impl<'a> Holder<'a> {
         Self { bus, way, only_for, factories: Vec::new(), names: Vec::new() }
     }
 
-    fn hold<F: 'static>(&mut self, name: String, factory: F) {
+    /// Holds a service. One that another program is just removing may be there when it is looked for and not when it is
+    /// opened, or not be gone when it is made: that is a matter of milliseconds.
+    fn hold<F: 'static>(
+        &mut self,
+        name: String,
+        create: impl Fn() -> Result<F, PortError>,
+        open: impl Fn() -> Result<F, PortError>,
+    ) -> Result<(), PortError> {
+        let give_up_ns = mono_now_ns() + REMOVAL_LIMIT_NS;
+        let factory = loop {
+            let is_made = self.way == Way::Create || !self.bus.has_service(&name);
+            let is_removed = |error: &PortError| {
+                self.way == Way::TakeOver && matches!(error, PortError::Transport { .. })
+            };
+            match if is_made { create() } else { open() } {
+                Err(error) if is_removed(&error) && mono_now_ns() < give_up_ns => {
+                    sleep_until(mono_now_ns() + AGAIN_AFTER_NS);
+                }
+                held => break held?,
+            }
+        };
         self.factories.push(Box::new(factory));
         self.names.push(name);
+        Ok(())
     }
 
     fn held(self) -> HeldServices {
         HeldServices { _factories: self.factories, names: self.names, spare: None }
-    }
-
-    fn creates(&self, service: &str) -> bool {
-        self.way == Way::Create || !self.bus.has_service(service)
     }
 
     fn service<T: Wire + 'static>(
@@ -86,13 +105,9 @@ impl<'a> Holder<'a> {
         kind: ServiceKind,
         capacity: usize,
     ) -> Result<(), PortError> {
-        let factory = if self.creates(&kind.name()) {
-            self.bus.create_service::<T>(kind, capacity)?
-        } else {
-            self.bus.open_service::<T>(kind)?
-        };
-        self.hold(kind.name(), factory);
-        Ok(())
+        let bus = self.bus;
+        let create = || bus.create_service::<T>(kind, capacity);
+        self.hold(kind.name(), create, || bus.open_service::<T>(kind))
     }
 
     /// What the process of a seat has for itself.
@@ -110,13 +125,9 @@ impl<'a> Holder<'a> {
     }
 
     fn states(&mut self, kind: ServiceKind, depth: usize) -> Result<(), PortError> {
-        let factory = if self.creates(&kind.name()) {
-            self.bus.create_state_service(kind, depth)?
-        } else {
-            self.bus.open_state_service(kind)?
-        };
-        self.hold(kind.name(), factory);
-        Ok(())
+        let bus = self.bus;
+        let create = || bus.create_state_service(kind, depth);
+        self.hold(kind.name(), create, || bus.open_state_service(kind))
     }
 }
 

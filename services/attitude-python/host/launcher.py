@@ -38,7 +38,7 @@ class Launcher:
     hangs in a library that keeps Python's lock."""
 
     def __init__(self, run, pid, leave_s):
-        """`leave_s`: how long after its death there is none to come any more [s]."""
+        """`leave_s` says, when it has died, how long after that there is none to come any more [s]."""
         self._run, self._leave_s = run, leave_s
         # It has died, and no other has taken over yet; none will.
         self.is_gone = self.is_given_up = False
@@ -59,7 +59,7 @@ class Launcher:
         os.kill(os.getpid(), signal.SIGKILL)
 
     def _await_successor(self, dead):
-        limit_s = time.monotonic() + self._leave_s
+        limit_s = time.monotonic() + self._leave_s()
         while True:
             leader = leader_of(self._run)
             if leader is not None and leader != dead:

@@ -26,9 +26,7 @@ from .realtime import fly_realtime
 # After so long of a wait shared memory is read again [s].
 WAIT_LIMIT_S = 0.02
 HANDOVER_LIMIT_S = 5.0
-# Wall time that a realtime flight is given to land after the grace period, and the longest grace of one
-# in lockstep, which no launcher can take over [s].
-LANDING_S = 4.0
+# Longest grace of a flight in lockstep, which no launcher can take over [s].
 LOCKSTEP_GRACE_S = 2.0
 # Exit codes of a run's processes.
 PASS, UNFIT, CRASHED, INTERRUPTED = 0, 3, 4, 130
@@ -104,7 +102,7 @@ class Process:
         types = Types(options.launcher_pid)
         self.slot = options.slot
         try:
-            self.flight = tomllib.loads((options.run / "flight.toml").read_text())
+            self.flight = self._described()
             self.is_realtime = self.flight["clock"] == "realtime"
             self.graph = Graph(self.flight, self.slot)
         except (KeyError, tomllib.TOMLDecodeError) as error:
@@ -112,7 +110,7 @@ class Process:
                 f"{options.run}/flight.toml is of another build ({error}): use the controllers that "
                 "came with this morphquad"
             ) from error
-        self._launcher = Launcher(options.run, options.launcher_pid, self._leave_s())
+        self._launcher = Launcher(options.run, options.launcher_pid, self._leave_s)
         if self.slot not in self.graph.rates:
             raise Unfit(f"this flight has no {self.slot} loop: choose another scenario")
         if self.is_realtime:
@@ -352,13 +350,22 @@ class Process:
         """True once a signal has asked for the end."""
         return self._stop
 
+    def _described(self):
+        """What the launcher has noted of the flight."""
+        return tomllib.loads((self.options.run / "flight.toml").read_text())
+
     def _leave_s(self):
-        """How long this process stays without a launcher [s]."""
+        """How long this process stays without a launcher, by the wall clock [s]."""
         grace_s = self.flight["grace_s"]
         if not self.is_realtime:
             return min(grace_s, LOCKSTEP_GRACE_S)
         # Hovering and landing are the position loop's; this one flies on until that is over.
-        return grace_s + LANDING_S if grace_s > 0.0 else 0.0
+        try:
+            # From where the vehicle has been sent meanwhile a landing may take longer.
+            landing_s = self._described()["landing_s"]
+        except (OSError, tomllib.TOMLDecodeError):
+            landing_s = self.flight["landing_s"]
+        return (grace_s + landing_s) / self.flight["speed"] if grace_s > 0.0 else 0.0
 
     def ending(self):
         """The exit code if it is time to leave, else None."""

@@ -74,7 +74,7 @@ class LauncherRules(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             lock = pathlib.Path(folder) / "launcher.lock"
             lock.write_text(f"{first.pid} {process_start(first.pid)}\n")
-            launcher = Launcher(pathlib.Path(folder), first.pid, 600.0)
+            launcher = Launcher(pathlib.Path(folder), first.pid, lambda: 600.0)
             self.assertFalse(launcher.is_gone)
             reap(first)
             await_that(lambda: launcher.is_gone)
@@ -89,7 +89,7 @@ class LauncherRules(unittest.TestCase):
         hangs = (
             "import pathlib; from host import launcher\n"
             "launcher.LEAVE_LIMIT_S = 0.1\n"
-            f"launcher.Launcher(pathlib.Path('/nowhere'), {leader.pid}, 0.0)\n"
+            f"launcher.Launcher(pathlib.Path('/nowhere'), {leader.pid}, lambda: 0.0)\n"
             "print(flush=True)\n"
             "while True: pass"
         )

@@ -19,12 +19,14 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 /// What to do, and from when on.
-#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Mischief {
     what: What,
     /// Logical time \[s\].
     from_s: f64,
+    /// Not before this file is there.
+    from_file: Option<PathBuf>,
     /// Gain, offset over the largest command, seconds per step, or lines per step.
     amount: f64,
 }
@@ -66,6 +68,14 @@ struct Rogue {
     validity_ns: u64,
     /// What a frozen output stays at.
     frozen: Option<[f64; 4]>,
+}
+
+impl Mischief {
+    fn is_due(&mut self, now_ns: u64) -> bool {
+        // Once it is there it is not looked for any more.
+        self.from_file.take_if(|path| path.exists());
+        self.from_file.is_none() && now_ns as f64 * 1e-9 >= self.from_s
+    }
 }
 
 impl Rogue {
@@ -144,7 +154,7 @@ impl Service for Rogue {
         let Memory { torque_nm: [x, y, z], setpoint, setpoint_sequence, slot, .. } =
             self.inner.memory();
         let mut command = [setpoint[3], x, y, z];
-        if now_ns as f64 * 1e-9 >= self.mischief.from_s {
+        if self.mischief.is_due(now_ns) {
             command = self.spoil(command);
         }
         let [thrust_n, x, y, z] = command;

@@ -33,6 +33,10 @@ fn write(folder: &Path, usurps: bool) -> Result<(), BuildError> {
     let mut forger = Forger::open(&bus)?;
     for k in 0_u64..12_000 {
         forger.forge(k);
+        #[expect(clippy::print_stdout, reason = "the test waits for it")]
+        if k == 0 {
+            println!("it writes");
+        }
         #[expect(
             clippy::disallowed_methods,
             reason = "it waits for no other process, which is what is tested"

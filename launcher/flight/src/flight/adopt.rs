@@ -1,5 +1,6 @@
 //! `morphquad adopt`: a flight whose launcher has died goes on under another one.
 
+use super::landing::Described;
 use super::start::{Prepared, graph_of, restart_policy, takes_all_memory};
 use super::{Flight, LOOK_EVERY_NS, Outcome};
 use crate::checkpoint::{Checkpoint, CheckpointError, CheckpointWriter, Of};
@@ -192,6 +193,8 @@ impl Flight {
         let scenario = &options.scenario;
         let folder = membership.folder();
         let graph = graph_of(scenario)?;
+        let described =
+            host::Flight::read(folder).map_err(|error| RunError::Wiring(error.to_string()))?;
         remove_incomplete_objects(folder);
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
         bus.lead()?;
@@ -241,6 +244,7 @@ impl Flight {
             takes_all,
             // No launcher goes on with a lockstep flight.
             timed: None,
+            described: Described::new(folder.to_path_buf(), described),
         };
         Ok(Self::of(prepared, options)?)
     }

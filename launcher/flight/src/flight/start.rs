@@ -1,5 +1,6 @@
 //! How a flight starts.
 
+use super::landing::Described;
 use super::timed::Timed;
 use super::{Flight, LOOK_EVERY_NS};
 use crate::checkpoint::CheckpointWriter;
@@ -56,6 +57,7 @@ pub(super) struct Prepared {
     /// Of [`takes_all_memory`].
     pub(super) takes_all: bool,
     pub(super) timed: Option<Timed>,
+    pub(super) described: Described,
 }
 
 /// What a scenario says about crashes.
@@ -87,7 +89,7 @@ impl Flight {
         membership: &Membership,
         stop: StopFlags,
         recording: Option<Recorder>,
-        (live, checkpoint_writer): (Live, CheckpointWriter),
+        (live, checkpoint_writer, described): (Live, CheckpointWriter, host::Flight),
     ) -> Result<Self, RunError> {
         let scenario = &options.scenario;
         let graph = graph_of(scenario)?;
@@ -122,6 +124,7 @@ impl Flight {
         let slots = Slots::new(clock_of(scenario), &specs, scenario, startup_ns);
         let folder = membership.folder().to_path_buf();
         let policy = restart_policy(scenario, takes_all);
+        let described = Described::new(folder.clone(), described);
         let supervisor = Supervisor::new(&bus, folder, specs, &hello, policy, checkpoint_writer)?;
         let (mode, end_ns) = (clock_of(scenario), scenario.duration_ns());
         let conductor = Conductor::new(&bus, mode, options.speed, end_ns, &graph)?;
@@ -137,6 +140,7 @@ impl Flight {
             stop,
             takes_all,
             timed,
+            described,
         };
         Self::of(prepared, options)
     }
@@ -155,6 +159,7 @@ impl Flight {
             stop,
             takes_all,
             timed,
+            described,
         } = prepared;
         let settings = options.scenario.settings();
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
@@ -185,6 +190,7 @@ impl Flight {
             bus,
             live,
             services,
+            described,
             begun: (0, 0),
             stall_limit_ns: ns_from_s(settings.launcher.stall_timeout_s),
             lag_limit_ns: ns_from_s(settings.launcher.lag_timeout_s),

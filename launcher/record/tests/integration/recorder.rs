@@ -148,10 +148,7 @@ fn a_full_disk_is_told_once_in_flight_and_again_at_the_end() {
     }
     let end = recorder.finish(&BTreeMap::new()).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(end.contains("incomplete") && end.contains("no storage space"), "{end}");
-    let bytes = read(&content);
-    let messages = MessageStream::new_with_options(&bytes, Options::IgnoreEndMagic.into());
-    let readable = messages.expect("a beginning").map_while(Result::ok);
-    let sequences: Vec<u32> = readable.map(|message| message.sequence).collect();
+    let sequences = readable(&content);
     assert!(sequences.len() > 1000, "{}", sequences.len());
     assert!((1..).zip(&sequences).all(|(expected, sequence)| expected == *sequence), "a hole");
 }
@@ -167,13 +164,52 @@ fn an_abandoned_recorder_keeps_what_was_flushed_and_never_looks_complete() -> Re
     recorder.flush_if_due(250_000_000)?;
     recorder.write(&topics::IMU, &imu(11), 0)?;
     drop(recorder);
-    let bytes = read(&content);
+    assert_eq!(readable(&content), (1..=10).collect::<Vec<_>>());
+    assert!(!read(&content).ends_with(mcap::MAGIC));
+    Ok(())
+}
+
+/// Sequences in a file without an end, up to the first thing that cannot be read.
+fn readable(content: &Mutex<Vec<u8>>) -> Vec<u32> {
+    let bytes = read(content);
     let messages = MessageStream::new_with_options(&bytes, Options::IgnoreEndMagic.into());
     let readable = messages.expect("a beginning").map_while(Result::ok);
-    let sequences: Vec<u32> = readable.map(|message| message.sequence).collect();
-    assert_eq!(sequences, (1..=10).collect::<Vec<_>>());
-    assert!(!bytes.ends_with(mcap::MAGIC));
-    Ok(())
+    readable.map(|message| message.sequence).collect()
+}
+
+/// Longest part of a flight that may be missing, in samples of 1 kHz.
+const FLUSHED_WITHIN: u64 = 50;
+
+#[test]
+fn whenever_it_is_killed_a_recorder_has_left_all_but_the_last_fifty_milliseconds() {
+    for last in (60..700).step_by(37) {
+        let (mut recorder, content) = recorder_over(Disk::default());
+        for sequence in 1..=last {
+            recorder.write(&topics::IMU, &imu(sequence), 0).expect("room");
+            recorder.flush_if_due(sequence * 1_000_000).expect("room");
+        }
+        // What has not been handed to the writer is lost, as when the process is killed.
+        drop(recorder);
+        let left = readable(&content).len() as u64;
+        assert!(left < last && left + FLUSHED_WITHIN >= last, "{left} of {last}");
+    }
+}
+
+#[test]
+fn what_a_full_disk_is_said_to_hold_is_short_by_fifty_milliseconds_at_most() {
+    for room in (60_000..300_000).step_by(17_000) {
+        let (mut recorder, content) = recorder_over(Disk { room: Some(room), ..Disk::default() });
+        for sequence in 1..=20_000 {
+            let _ = recorder.write(&topics::IMU, &imu(sequence), 0);
+            let _ = recorder.flush_if_due(sequence * 1_000_000);
+        }
+        let Err(RecordError::Incomplete { until_ns, .. }) = recorder.finish(&BTreeMap::new())
+        else {
+            panic!("{room} bytes are not enough");
+        };
+        let (told, left) = (until_ns / 1_000_000, readable(&content).len() as u64);
+        assert!(told > 0 && told <= left && told + FLUSHED_WITHIN >= left, "{told} of {left}");
+    }
 }
 
 /// A disk behind which something is wrong with the program.

@@ -1,8 +1,10 @@
 //! From an order to the sample that says what holds from now on.
 
 use super::{Calm, Disturb, FLOOR_M, Goto, Load, Morph, Order, OutOfRange, REACH_M};
+use crate::configs::landing_s;
 use crate::{Plan, Scenario};
 use ::pilot::{MorphSchedule, PilotError, Trajectory, divert};
+use controller::preview::Landing;
 use core::fmt::Write as _;
 use runtime::Graph;
 use serde::{Deserialize, Serialize};
@@ -115,6 +117,9 @@ pub struct Planner {
     taken_up_ns: u64,
     guidance: GuidanceOrder,
     disturbance: DisturbanceOrder,
+    /// The highest place that the vehicle is sent to \[m\].
+    highest_m: f64,
+    landing: Landing,
     /// Disturbances ordered so far.
     numbered: u64,
     /// Everything that was ordered.
@@ -143,6 +148,8 @@ impl Planner {
             taken_up_ns: taken_up.at_ns,
             guidance: taken_up.order.unwrap_or_default(),
             disturbance: DisturbanceOrder::default(),
+            highest_m: scenario.highest_m(),
+            landing: scenario.landing(),
             numbered: 0,
             reports: Vec::new(),
         })
@@ -153,6 +160,12 @@ impl Planner {
         let entries = disturbance.entries.iter();
         self.numbered = entries.map(|entry| entry.number).max().unwrap_or(0);
         (self.guidance, self.disturbance) = (*guidance, *disturbance);
+    }
+
+    /// How long a landing takes from the highest place that the vehicle has been sent to \[s\].
+    #[must_use]
+    pub fn landing_s(&self) -> f64 {
+        landing_s(&self.landing, self.highest_m)
     }
 
     /// The first instant that no loop that follows has reached when time is `now_ns` and may go on to
@@ -242,6 +255,7 @@ impl Planner {
         let goal_rad = goto.yaw_deg.map(f64::to_radians);
         let yaw = divert::yaw(trajectory, before, goal_rad, begin_ns);
         (self.guidance.position, self.guidance.yaw) = (position, yaw);
+        self.highest_m = self.highest_m.max(goto.position_w_m[2]);
         let there_ns = divert::rest_ns(begin_ns, position.brake_s, position.move_s);
         let turned_ns = divert::rest_ns(yaw.begin_ns, yaw.brake_s, yaw.move_s);
         Ok(there_ns.max(turned_ns).saturating_sub(self.taken_up_ns))

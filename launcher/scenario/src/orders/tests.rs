@@ -95,6 +95,21 @@ fn assert_meets(f: impl Fn(u64) -> f64, g: impl Fn(u64) -> f64, at_ns: u64, boun
 }
 
 #[test]
+fn a_landing_takes_as_long_as_from_the_highest_place_planned_or_ordered() {
+    let low = scenario("[start]\nposition_w_m = [0.0, 0.0, 1.0]\n[pilot]\nkind = \"hover\"\n");
+    let planned = low.flight().unwrap().landing_s;
+    assert!((planned - (1.0 / 0.5 + 1.5)).abs() < 1e-9, "{planned}");
+    let high = scenario("[start]\nposition_w_m = [0.0, 0.0, 5.0]\n[pilot]\nkind = \"hover\"\n");
+    assert!((high.flight().unwrap().landing_s - planned - 4.0 / 0.5).abs() < 1e-9);
+    let mut flown = Flown::of(&low);
+    for (height_m, highest_m) in [(0.5, 1.0), (4.0, 4.0), (2.0, 4.0)] {
+        flown.give(goto([0.0, 0.0, height_m], None), 1000 * MS).unwrap();
+        let landing_s = flown.planner.landing_s();
+        assert!((landing_s - planned - (highest_m - 1.0) / 0.5).abs() < 1e-9, "{landing_s}");
+    }
+}
+
+#[test]
 fn a_vehicle_in_motion_is_led_to_rest_at_the_goal_without_a_step_and_within_limits() {
     let goals = [[0.0, 0.0, 1.5], [1.0, -2.0, 2.5], [-30.0, 4.0, 0.5], [0.2, 0.1, 1.4]];
     for at_ms in [0, 300, 1700, 4321, 8000, 11_111, 16_000] {

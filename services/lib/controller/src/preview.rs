@@ -26,6 +26,12 @@ impl Default for Landing {
 const LATE_S: f64 = 0.5;
 
 impl Landing {
+    /// How long the descent from a height takes \[s\].
+    #[must_use]
+    pub fn lasts_s(&self, height_m: f64) -> f64 {
+        (height_m - self.ground_m).max(0.0) / self.descent_m_s
+    }
+
     /// How far the descent has got at an instant `ahead_s` after that of a reference whose age is `age_s` \[m\].
     fn descent_m(&self, age_s: f64, ahead_s: f64) -> f64 {
         let begin_s = self.after_s.max(LATE_S);

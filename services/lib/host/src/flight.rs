@@ -16,6 +16,8 @@ use vehicle::{Geometry, Quadratic, VehicleParameters};
 
 /// The file's name in the run's folder.
 pub const FILE: &str = "flight.toml";
+/// Its name while it is written.
+const FRESH: &str = ".flight.toml";
 
 /// Clock, loops, arrows and modelled vehicle of a flight.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -23,8 +25,12 @@ pub const FILE: &str = "flight.toml";
 pub struct Flight {
     /// `lockstep` or `realtime`.
     pub clock: Clock,
-    /// How long processes go on after the launcher's death \[s\].
+    /// Seconds of the flight in a second by the wall clock; of no meaning in lockstep.
+    pub speed: f64,
+    /// How long the vehicle hovers after the launcher's death, for another launcher to come \[s\].
     pub grace_s: f64,
+    /// How long it then needs to land \[s\].
+    pub landing_s: f64,
     /// Heading at the start \[rad\].
     pub start_yaw_rad: f64,
     /// What realtime loops ask of the system.
@@ -56,6 +62,8 @@ pub struct Facts<'a> {
     pub clock: Clock,
     /// See [`Flight::grace_s`].
     pub grace_s: f64,
+    /// See [`Flight::landing_s`].
+    pub landing_s: f64,
     /// See [`Flight::start_yaw_rad`].
     pub start_yaw_rad: f64,
     /// What all realtime loops ask of the system.
@@ -137,15 +145,17 @@ impl Flight {
     /// Describes a flight.
     #[must_use]
     pub fn new(facts: Facts) -> Self {
-        let Facts { clock, grace_s, start_yaw_rad, realtime, claims, vehicle, graph, timing } =
-            facts;
+        let Facts { clock, grace_s, landing_s, start_yaw_rad, realtime, claims, .. } = facts;
+        let Facts { vehicle, graph, timing, .. } = facts;
         let of_node = |node: &Node| {
             let own = claims.iter().find(|(role, _)| *role == node.role);
             Loop::new(node, own.map(|(_, claim)| claim.clone()).unwrap_or_default())
         };
         Self {
             clock,
+            speed: 1.0,
             grace_s,
+            landing_s,
             start_yaw_rad,
             realtime,
             vehicle: vehicle.into(),
@@ -166,13 +176,15 @@ impl Flight {
         toml::from_str(&text).map_err(|error| wrong(error.to_string()))
     }
 
-    /// Leaves it in a run's folder.
+    /// Leaves it in a run's folder, whole or not at all: a process may be reading what was there.
     ///
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, folder: &Path) -> io::Result<()> {
         let text = toml::to_string(self).map_err(io::Error::other)?;
-        std::fs::write(folder.join(FILE), text)
+        let fresh = folder.join(FRESH);
+        std::fs::write(&fresh, text)?;
+        std::fs::rename(fresh, folder.join(FILE))
     }
 
     /// True if logical time follows the wall clock.
@@ -349,13 +361,13 @@ impl From<Vehicle> for VehicleParameters {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use shared_types::topics;
     use timing::{SampleEffect, SampleEntry, Window};
 
     /// A third of a millisecond has no short decimal form.
-    fn flight() -> (Flight, Graph, VehicleParameters) {
+    pub(crate) fn flight() -> (Flight, Graph, VehicleParameters) {
         let node = |role, hz, policy| Node {
             role,
             rate: Rate::from_hz(hz).unwrap(),
@@ -385,6 +397,7 @@ mod tests {
         let facts = Facts {
             clock: Clock::Realtime,
             grace_s: 2.0,
+            landing_s: 4.5,
             start_yaw_rad: 1.0 / 3.0,
             realtime: Realtime {
                 policy: Policy::Fifo,

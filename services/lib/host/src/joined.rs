@@ -1,6 +1,7 @@
 //! One process of a run: joins it, opens its ports, flies, leaves.
 
 use crate::realtime::Setup;
+use crate::staying::Staying;
 use crate::thread::{name_thread, stay_on};
 use crate::{Flight, HostError, PlaceArguments};
 use runtime::clock::{mono_now_ns, sleep_until};
@@ -12,13 +13,6 @@ use runtime::{Component, Ending, Executor, Graph, Node, Process, Timing};
 use rustix::process::{Signal, getpid, kill_process};
 use shared_types::Role;
 use std::io::{self, Write as _};
-
-/// Wall time that a realtime flight is given to land after the grace period \[s\].
-const LANDING_S: f64 = 4.0;
-
-/// Longest time that the processes of a lockstep flight stay after their launcher's death: no launcher can
-/// take it over \[s\].
-pub const LOCKSTEP_GRACE_S: f64 = 2.0;
 
 /// How long a process may take to leave once no launcher will come any more, before it counts as one that hangs \[ns\]:
 /// long enough for the last one to wipe on a busy machine.
@@ -59,20 +53,20 @@ impl Joined {
         let flight = Flight::read(membership.folder())?;
         let name_of_run = membership.name();
         let realtime = flight.is_realtime();
-        let grace_s = if realtime { flight.grace_s } else { flight.grace_s.min(LOCKSTEP_GRACE_S) };
-        let leave_s = if realtime && grace_s > 0.0 { grace_s + LANDING_S } else { grace_s };
+        let (known, folder) = (Staying::of(&flight), membership.folder().to_path_buf());
         let tells = role == Role::Plant;
-        stop.watch_launcher(membership.folder(), arguments.launcher_pid, leave_s, move |news| {
+        let follow = move |news| {
+            let staying = Staying::noted(&folder, known);
             if news == LauncherNews::Abandoned {
                 end_if_it_hangs();
-            } else if tells
-                && let Some(text) = of_launcher(news, &name_of_run, realtime, (grace_s, leave_s))
-            {
+            } else if tells && let Some(text) = of_launcher(news, &name_of_run, realtime, staying) {
                 // A child's standard output is the launcher's standard error; its own may be closed.
                 let _ = writeln!(io::stdout(), "morphquad: {text}");
             }
-        })
-        .map_err(watch("the launcher"))?;
+            staying.leave_s
+        };
+        stop.watch_launcher(membership.folder(), arguments.launcher_pid, follow)
+            .map_err(watch("the launcher"))?;
         let bus = Bus::join(&membership.ipc_config(), name)?;
         let graph = flight.graph()?;
         let node = *graph.node(role).ok_or(HostError::NoSuchLoop(role.label()))?;
@@ -125,7 +119,7 @@ fn of_launcher(
     news: LauncherNews,
     run: &str,
     realtime: bool,
-    (grace_s, leave_s): (f64, f64),
+    Staying { grace_s, leave_s }: Staying,
 ) -> Option<String> {
     Some(match news {
         LauncherNews::Succeeded { pid } => format!("run {run} is led by process {pid} now"),

@@ -39,6 +39,7 @@ pub mod flight;
 mod joined;
 mod layout;
 pub mod realtime;
+mod staying;
 mod thread;
 
 pub use arguments::PlaceArguments;
@@ -46,6 +47,7 @@ pub use config::Config;
 pub use controller::controller;
 pub use error::{BuildError, HostError, conclude};
 pub use flight::Flight;
-pub use joined::{Joined, LOCKSTEP_GRACE_S, fly_component};
+pub use joined::{Joined, fly_component};
 pub use layout::{LAYOUT_ARGUMENT, layout_hash};
+pub use staying::LOCKSTEP_GRACE_S;
 pub use thread::{name_thread, stay_on};

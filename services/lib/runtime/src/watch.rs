@@ -90,7 +90,7 @@ impl StopFlags {
     }
 
     /// Watches the launcher of the run in `folder` from a thread of its own and tells what happens to
-    /// it. When it has died and no other has taken over within `grace_s`, the flight must end.
+    /// it. `tell` answers to its death for how long another may take over \[s\]: if none has, the flight must end.
     ///
     /// # Errors
     /// The process is already gone, or cannot be watched.
@@ -98,13 +98,12 @@ impl StopFlags {
         &self,
         folder: &Path,
         pid: u32,
-        grace_s: f64,
-        tell: impl FnMut(LauncherNews) + Send + 'static,
+        tell: impl FnMut(LauncherNews) -> f64 + Send + 'static,
     ) -> io::Result<()> {
         let flags = self.clone();
         let launcher = Watched::open(pid).ok_or(io::ErrorKind::NotFound)?;
-        let (folder, grace) = (folder.to_path_buf(), grace_s.clamp(0.0, 1e6));
-        let watch = move || flags.follow(&folder, launcher, grace, tell);
+        let folder = folder.to_path_buf();
+        let watch = move || flags.follow(&folder, launcher, tell);
         thread::Builder::new().name("watch".to_owned()).spawn(watch)?;
         Ok(())
     }
@@ -113,13 +112,12 @@ impl StopFlags {
         &self,
         folder: &Path,
         mut launcher: Watched,
-        grace_s: f64,
-        mut tell: impl FnMut(LauncherNews),
+        mut tell: impl FnMut(LauncherNews) -> f64,
     ) {
         loop {
             while !readable(&launcher.pidfd, None) {}
             self.launcher_gone.store(true, Ordering::Release);
-            tell(LauncherNews::Died);
+            let grace_s = tell(LauncherNews::Died).clamp(0.0, 1e6);
             let Some(successor) = await_successor(folder, launcher.leader, grace_s) else {
                 self.grace_over.store(true, Ordering::Release);
                 tell(LauncherNews::Abandoned);
@@ -210,12 +208,15 @@ mod tests {
         let heard = Arc::new(Mutex::new(Vec::new()));
         let (first, second) = (idler(), idler());
         let flags = StopFlags::default();
-        let tell = || {
+        let tell = |grace_s| {
             let heard = Arc::clone(&heard);
-            move |news| heard.lock().unwrap().push(news)
+            move |news| {
+                heard.lock().unwrap().push(news);
+                grace_s
+            }
         };
         // However late this thread names the successor, it is in time.
-        flags.watch_launcher(&folder, first.id(), 600.0, tell()).unwrap();
+        flags.watch_launcher(&folder, first.id(), tell(600.0)).unwrap();
         assert!(!flags.launcher_gone());
         reap(first);
         await_that(|| flags.launcher_gone());
@@ -228,7 +229,7 @@ mod tests {
         assert_eq!(*heard.lock().unwrap(), expected);
         let flags = StopFlags::default();
         heard.lock().unwrap().clear();
-        flags.watch_launcher(&folder, pid, 0.1, tell()).unwrap();
+        flags.watch_launcher(&folder, pid, tell(0.1)).unwrap();
         reap(second);
         await_that(|| flags.grace_over());
         assert!(flags.launcher_gone() && flags.stop(), "the dead one in the file is no successor");
@@ -247,6 +248,6 @@ mod tests {
         let pid = child.id();
         reap(child);
         let flags = StopFlags::default();
-        assert!(flags.watch_launcher(Path::new("/nowhere"), pid, 1.0, |_| {}).is_err());
+        assert!(flags.watch_launcher(Path::new("/nowhere"), pid, |_| 1.0).is_err());
     }
 }
