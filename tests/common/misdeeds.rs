@@ -17,6 +17,7 @@ pub(crate) fn rogue() -> &'static str {
 /// As [`config`], from when on a file is there.
 pub(crate) fn config_from(folder: &TempDir, what: &str, from: &Path, amount: f64) -> String {
     let path = folder.path().join(format!("{what}-from-a-file.toml"));
+    let from = from.display().to_string();
     let text = format!("what = {what:?}\nfrom_file = {from:?}\namount = {amount:?}\n");
     std::fs::write(&path, text).expect("room");
     path.display().to_string()

@@ -20,6 +20,7 @@ pub mod report;
 pub mod series;
 pub mod timing;
 
+use document::ScenarioError;
 use figures::figure::us;
 use figures::results::ResultsError;
 use host::exit;
@@ -27,7 +28,6 @@ use miette::Diagnostic;
 use runtime::clock::mono_now_ns;
 use runtime::ipc::PortError;
 use runtime::leader::LeadError;
-use scenario::ScenarioError;
 use simulate::RunError;
 use simulate::in_process::InProcessError;
 use thiserror::Error;

@@ -3,8 +3,9 @@
 use super::flown::summary;
 use super::options::{DemoArguments, Format};
 use super::refusal::{Done, Failure};
+use document::ScenarioError;
 use host::exit;
-use scenario::{Override, Scenario, ScenarioError, shipped};
+use scenario::{Override, Scenario, shipped};
 use simulate::{LiveOptions, Pin, RunOptions, Speed};
 use std::io::{self, IsTerminal as _, Write};
 use std::path::PathBuf;

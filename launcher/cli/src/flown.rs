@@ -1,12 +1,13 @@
 //! Commands that show a flight take a recording, or a scenario that is flown for it.
 
-use super::named::{FOLDER, latest, newest};
 use super::refusal::Failure;
+use document::{shell_path, suggestion};
 use host::exit;
 use protocol::control::runs::{self, Run};
+use record::named::{FOLDER, latest, newest};
 use record::read::RecordedFlight;
 use runtime::leader::leading;
-use scenario::{Scenario, shell_path, shipped, suggestion};
+use scenario::{Scenario, shipped};
 use simulate::{Pin, RunError, RunOptions, Speed, Summary};
 use std::io::{IsTerminal as _, Write};
 use std::path::{Path, PathBuf};

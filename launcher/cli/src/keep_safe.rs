@@ -1,8 +1,8 @@
 //! Pages and pictures are written where the user says, but never over a flight.
 
 use super::refusal::Failure;
+use document::is_recording;
 use host::exit;
-use scenario::is_recording;
 use std::fs;
 use std::path::Path;
 

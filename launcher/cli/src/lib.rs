@@ -17,7 +17,6 @@ mod flown;
 mod keep_safe;
 pub mod list;
 mod live;
-mod named;
 mod new_controller;
 pub mod options;
 mod orders;
@@ -48,11 +47,12 @@ pub use options::{
     TraceArguments, ViewArguments,
 };
 
+use document::ScenarioError;
 use host::exit;
 use host::{LAYOUT_ARGUMENT, layout_hash};
 use options::{CheckFormat, Cli, Command};
 use refusal::{Done, Failure, asks_for_json};
-use scenario::{Scenario, ScenarioError};
+use scenario::Scenario;
 use simulate::Summary;
 use std::ffi::OsString;
 use std::io::{self, Write};

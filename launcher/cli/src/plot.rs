@@ -3,11 +3,11 @@
 use super::bar::busy;
 use super::flown::{named_or_latest, recorded, unreadable};
 use super::keep_safe::write_page;
-use super::named::named;
 use super::options::PlotArguments;
 use super::refusal::{Done, Failure};
 use host::exit;
 use protocol::topic::known;
+use record::named::named;
 use record::read::RecordedFlight;
 use std::ffi::OsStr;
 use std::io::Write;

@@ -1,12 +1,12 @@
 //! `morphquad recordings`: which there are, and what one of them is.
 
 use super::flown::{Writers, named_or_latest, recorded, unreadable};
-use super::named::{FOLDER, newest, of_folder, stem};
 use super::options::{Format, RecordingsCommand, RecordingsListArguments, RecordingsShowArguments};
 use super::refusal::Done;
 use core::time::Duration;
 use host::exit;
 use humantime::format_rfc3339_seconds;
+use record::named::{FOLDER, newest, of_folder, stem};
 use record::read::{ReadError, RecordedFlight};
 use serde_json::{Value, json};
 use std::io::{self, Write};

@@ -3,10 +3,11 @@
 use super::options::{Format, ReplayArguments};
 use super::refusal::{Done, Failure};
 use ::replay::{self, ReplayError, Who, With};
+use document::suggestion;
 use host::exit;
 use indicatif::ProgressBar;
 use record::read::{ReadError, RecordedFlight};
-use scenario::{Override, services, suggestion};
+use scenario::{Override, services};
 use serde_json::{Map, Value};
 use shared_types::Role;
 use std::io::{self, IsTerminal as _, Write};

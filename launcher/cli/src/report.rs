@@ -2,14 +2,14 @@
 
 use super::flown::{self, Writers, unreadable};
 use super::keep_safe::write_page;
-use super::named;
 use super::options::{Format, ReportArguments};
 use super::recover::RECOVERED;
 use super::refusal::{Done, Failure};
+use document::shell_path;
 use figures::results::ResultsFolder;
 use host::exit;
+use record::named;
 use record::read::RecordedFlight;
-use scenario::shell_path;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use viewers::report::{Folder, Report, document, pictures};

@@ -7,10 +7,11 @@ use super::options::{
 };
 use super::refusal::Done;
 use attitude_mpc::AttitudeLawConfig;
+use document::{ScenarioError, shell_word};
 use figures::results::{ResultsError, ResultsFolder};
 use host::exit;
 use miette::Diagnostic;
-use scenario::{Override, ScenarioError, shell_word};
+use scenario::Override;
 use std::io::Write;
 use studies::controllers::{self, ControllersError};
 use studies::morphing::{self, MorphingError};

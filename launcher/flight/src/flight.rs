@@ -4,8 +4,8 @@
 //! `watch.rs` is what the main loop looks at besides, `timed.rs` how one goes on whose clock it moves.
 
 mod adopt;
+mod described;
 mod finish;
-mod landing;
 mod start;
 mod timed;
 mod watch;
@@ -23,8 +23,8 @@ use super::stall::Newcomers;
 use super::supervisor::Supervisor;
 use super::tap::Tap;
 use super::viewer_process::ViewerProcess;
+use described::Described;
 use host::realtime::may_lock_memory;
-use landing::Described;
 use observe::stopwatch::Stopwatch;
 use protocol::control::protocol::{Done, Reply, Request};
 use protocol::control::server::Answer;
@@ -39,11 +39,11 @@ use scenario::needs::shared_memory_mb;
 use scenario::orders::Planner;
 use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, ClockRecord, Role, Seat};
+use simulate::Summary;
 use simulate::setup::{
     RunError, RunOptions, Unflown, clock_of, facts, pinned_cpu, require_descriptors,
     require_own_proc, require_processor, require_shared_memory, require_tasks, run_id, system,
 };
-use simulate::{Speed, Summary};
 use slot::supervisor::Now;
 use std::thread::JoinHandle;
 use swap::services::{HeldServices, Wakers};
@@ -109,11 +109,7 @@ fn fly(
     require_shared_memory(shared_memory_mb(options.scenario.settings(), may_lock_memory()))?;
     require_descriptors()?;
     require_tasks()?;
-    let mut described =
-        options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;
-    if let Speed::Times(times) = options.speed {
-        described.speed = times;
-    }
+    let described = Described::flight(options)?;
     let grants = Grants::ask(&options.scenario, &described)?;
     let id = run_id();
     // Declared before everything that uses the transport, so that it is dropped last and wipes; and before the
@@ -124,12 +120,7 @@ fn fly(
     let recording =
         recording_path.as_deref().map(|path| Recorder::create(path, &facts)).transpose()?;
     let unflown = Unflown::of(recording_path.as_deref());
-    let scenario_file = membership.folder().join("scenario.toml");
-    std::fs::write(&scenario_file, options.scenario.to_toml())
-        .map_err(system(format!("write {}", scenario_file.display())))?;
-    described
-        .write(membership.folder())
-        .map_err(system(format!("describe the flight in {}", membership.folder().display())))?;
+    let described = Described::leave(membership.folder(), options, described)?;
     let name = &options.scenario.settings().scenario.name;
     let flying = Flying::new(facts.epoch_unix_ns, facts.clock);
     let live = Live::open(membership.folder(), &id, name, recording_path.as_deref(), flying)?;

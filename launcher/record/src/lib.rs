@@ -13,6 +13,7 @@ mod error;
 mod facts;
 mod keyframes;
 mod messages;
+pub mod named;
 mod open;
 pub mod read;
 mod recorder;

@@ -33,10 +33,10 @@ pub use tapes::Loss;
 pub use timing::{TimingError, timing_of};
 
 use components::BuildError;
+use document::ScenarioError;
 use record::read::{ReadError, RecordedFlight};
 use record::{Branched, Continued, RecordError};
 use runtime::RestoreError;
-use scenario::ScenarioError;
 use shared_types::Role;
 use thiserror::Error;
 

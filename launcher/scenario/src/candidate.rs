@@ -1,7 +1,7 @@
 //! Who can be asked to take a slot over.
 
 use crate::services;
-use crate::suggestion;
+use document::suggestion;
 use rustix::fs::{Access, access};
 use shared_types::Slot;
 use std::ffi::OsStr;

@@ -7,14 +7,13 @@ mod plan;
 pub use laws::TESTED_RATES_HZ;
 
 use super::deadlines;
-use super::document::Document;
 use super::ordered;
-use super::problem::Problem;
 use super::script;
 use super::settings::{Clock, Settings};
 use super::timing;
 use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
+use document::{Document, Problem};
 use runtime::{Graph, GraphError};
 use shared_types::{Role, TopicInfo};
 use vehicle::ParameterError;

@@ -1,9 +1,9 @@
 //! Rules for `[realtime]`: which edges have a deadline, how long it may be, and which may do without a
 //! latency.
 
-use super::problem::Complaint;
 use super::settings::{RealtimeSettings, topic_of};
-use super::{suggest, wiring};
+use super::wiring;
+use document::{Complaint, suggestion};
 use runtime::graph::Edge;
 use runtime::{Graph, MissPolicy};
 use shared_types::{Role, topics};
@@ -29,7 +29,7 @@ pub(super) fn of_unknown_edges(settings: &RealtimeSettings) -> Vec<Complaint> {
                 let remedy = if known.is_empty() {
                     "leave it out: this loop reads nothing".to_owned()
                 } else {
-                    suggest::remedy(name, known.iter().map(String::as_str))
+                    suggestion(name, known.iter().map(String::as_str))
                 };
                 complaints.push((key, what, remedy));
             } else if !(0.0..=MAX_DEADLINE_S).contains(deadline_s) {
@@ -48,7 +48,7 @@ pub(super) fn of_unhurried(settings: &RealtimeSettings) -> Vec<Complaint> {
     unknown
         .map(|name| {
             let what = format!("`{name}` is no topic with a latency of its own");
-            let remedy = suggest::remedy(name, delayed.iter().copied());
+            let remedy = suggestion(name, delayed.iter().copied());
             ("realtime.asap".to_owned(), what, remedy)
         })
         .collect()

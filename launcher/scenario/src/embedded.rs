@@ -1,12 +1,10 @@
 //! What a scenario does not say itself because its trajectory does: the rows of a file, and where, how fast and for how
 //! long a flight flies.
 
-use super::document::{Document, Edit, Value};
 use super::pilot_error::pilot_error;
-use super::problem::Problem;
 use super::text;
-use super::trajectory_file::Table;
 use ::pilot::settings::{COMMON_KEYS, MAX_SPEED_M_S, Trajectory};
+use document::{Document, Edit, Problem, Table, Value};
 use garde::Validate as _;
 use serde::Deserialize as _;
 use shared_types::time::ns_from_s;

@@ -12,7 +12,6 @@ mod check;
 mod clock;
 mod configs;
 mod deadlines;
-mod document;
 mod embedded;
 pub mod keys;
 mod launcher_settings;
@@ -21,23 +20,18 @@ mod ordered;
 pub mod orders;
 mod overrides;
 mod pilot_error;
-mod problem;
 pub mod process;
-mod recording_magic;
 pub mod rehearsal;
 mod rights;
 pub mod script;
 pub mod services;
 pub mod settings;
-mod shell;
 pub mod shipped;
 pub mod start;
-mod suggest;
 #[cfg(test)]
 mod tests;
 mod text;
 mod timing;
-mod trajectory_file;
 mod typed;
 mod vehicle;
 mod verdict;
@@ -45,18 +39,13 @@ pub mod wiring;
 
 pub use ::pilot::settings::Plan;
 pub use check::TESTED_RATES_HZ;
-pub use document::renamed;
 pub use overrides::Override;
-pub use problem::{Problem, ScenarioError};
-pub use recording_magic::is_recording;
 pub use settings::Settings;
-pub use shell::{shell_path, shell_word};
-pub use suggest::remedy as suggestion;
 pub use wiring::WiringError;
 pub use wiring::delayed_topics;
 
 use ::vehicle::{MorphAngle, ParameterError, VehicleParameters};
-use document::{Document, Edit, Texts};
+use document::{Complaint, Document, Edit, Problem, ScenarioError, Texts};
 use host::Flight;
 use host::flight::{Clock, Facts};
 use host::realtime::Realtime;
@@ -166,7 +155,7 @@ impl Scenario {
         }
         let mut scenario = Self { settings, effective, warnings: Vec::new(), absent: Vec::new() };
         let (errors, warnings) = check::check(&scenario, &document);
-        let placed = |(key, what, remedy): problem::Complaint| {
+        let placed = |(key, what, remedy): Complaint| {
             let place = document.place_of(&key);
             Problem::new(key, what, remedy, place)
         };

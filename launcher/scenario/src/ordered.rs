@@ -1,10 +1,9 @@
 //! `[[order]]`: what is ordered of pilot and injector at logical times, as a user could live.
 
-use super::document::Edit;
 use super::overrides::{named_at, refusal, seconds};
-use super::problem::{Complaint, ScenarioError};
 use super::{Override, Scenario};
 use crate::orders::{Calm, Disturb, Goto, Morph, Order, Planner};
+use document::{Complaint, Edit, ScenarioError};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;

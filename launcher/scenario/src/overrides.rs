@@ -1,11 +1,8 @@
 //! Edits of a scenario from the command line.
 
-use super::document::Edit;
-use super::problem::{Place, Problem, ScenarioError};
-use super::shell::shell_word;
-use super::suggest;
 use crate::candidate::share;
 use crate::services::{self, LOOPS, Loop};
+use document::{Edit, Place, Problem, ScenarioError, shell_word, suggestion};
 use miette::NamedSource;
 use shared_types::Slot;
 
@@ -42,7 +39,7 @@ impl Override {
         };
         let (name, hz) = (name.trim(), hz.trim());
         let Some(found) = Loop::named(name) else {
-            let remedy = suggest::remedy(name, LOOPS.iter().map(|known| known.name));
+            let remedy = suggestion(name, LOOPS.iter().map(|known| known.name));
             return Err(refusal("--rate", &shown, &format!("no loop is called `{name}`"), &remedy));
         };
         if hz.parse::<f64>().is_err() {

@@ -1,7 +1,7 @@
 //! What the pilot refuses, in the words of a scenario.
 
-use super::problem::Complaint;
 use ::pilot::PilotError;
+use document::Complaint;
 
 /// A complaint about what the pilot refuses.
 pub(super) fn pilot_error(error: &PilotError) -> Complaint {

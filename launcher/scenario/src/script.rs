@@ -3,12 +3,11 @@
 #[cfg(test)]
 mod tests;
 
-use super::problem::Complaint;
 use super::settings::Settings;
-use super::suggest;
 use crate::candidate::{Candidate, NoCandidate, name_of, unstartable};
 use crate::process::has_process;
 use crate::services::Assignment;
+use document::{Complaint, suggestion};
 use garde::Validate;
 use runtime::Graph;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -221,7 +220,7 @@ fn check_faults(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     for (index, fault) in settings.fault.iter().enumerate() {
         if !known.contains(&fault.name.as_str()) {
             let what = format!("no process of this flight is called {}", fault.name);
-            let remedy = suggest::remedy(&fault.name, known.iter().copied());
+            let remedy = suggestion(&fault.name, known.iter().copied());
             complaints.push((format!("fault[{index}].name"), what, remedy));
         }
         if fault.at_s >= end_s {

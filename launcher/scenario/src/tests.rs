@@ -1,6 +1,7 @@
 //! Every complaint names file or flag, line, key and remedy; every shipped scenario flies.
 
-use super::{Override, Problem, Scenario, ScenarioError, Settings, services, shipped};
+use super::{Override, Scenario, Settings, services, shipped};
+use document::{Problem, ScenarioError};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use shared_types::Role;
 
@@ -383,7 +384,7 @@ fn a_key_of_before_is_known_by_its_name_of_today_and_no_other_is() {
         ("monitor.enabled", None),
     ];
     for (old, new) in known {
-        assert_eq!(super::renamed(old).as_deref(), new, "{old}");
+        assert_eq!(document::renamed(old).as_deref(), new, "{old}");
     }
 }
 

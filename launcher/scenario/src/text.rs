@@ -1,6 +1,7 @@
 //! The text of a scenario.
 
-use super::{Problem, ScenarioError, is_recording, shell_word, shipped, suggestion};
+use super::shipped;
+use document::{Problem, ScenarioError, is_recording, shell_word, suggestion};
 use std::fs::File;
 use std::io::{self, Read};
 use std::net::SocketAddr;

@@ -3,11 +3,11 @@
 mod argument;
 mod values;
 
-use super::problem::Complaint;
 use super::settings::{Clock, Settings};
-use super::{Scenario, suggest, wiring};
+use super::{Scenario, wiring};
 use crate::services::{Assignment, Loop};
 use ::timing::{LoopEffect, LoopEntry, SampleEffect, SampleEntry, Script, Window};
+use document::{Complaint, suggestion};
 use garde::Validate;
 use runtime::pacing::is_timed;
 use runtime::{Graph, Rate};
@@ -176,7 +176,7 @@ impl TimingSettings {
         let flown = || graph.nodes().iter().filter_map(|node| Loop::of(node.role));
         let Some(known) = Loop::named(name).filter(|known| graph.node(known.role()).is_some())
         else {
-            let remedy = suggest::remedy(name, flown().map(|known| known.name));
+            let remedy = suggestion(name, flown().map(|known| known.name));
             return refuse("loop", format!("no loop of this flight is called `{name}`"), remedy);
         };
         let role = known.role();
@@ -224,7 +224,7 @@ impl TimingSettings {
         let Some(topic) = topics::all().into_iter().filter(flows).find(|topic| topic.name == name)
         else {
             let known = topics::all().into_iter().filter(flows).map(|topic| topic.name);
-            let remedy = suggest::remedy(name, known);
+            let remedy = suggestion(name, known);
             return refuse(
                 "topic",
                 format!("no loop of this flight reads a topic called `{name}`"),

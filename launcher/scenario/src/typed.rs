@@ -1,12 +1,10 @@
 //! From the merged document to types, section by section, with every complaint at its place.
 
-use super::document::{Document, Value};
-use super::problem::Problem;
 use super::settings::{SECTIONS, Settings};
-use super::suggest;
 use ::pilot::settings::{self as pilot, Manoeuvre};
 use core::ops::Range;
 use disturbance_injector::Event;
+use document::{Document, Problem, Value, suggestion};
 use garde::Validate;
 use serde::de::DeserializeOwned;
 use toml::Spanned;
@@ -47,7 +45,7 @@ impl<'t> Reader<'_, 't> {
         for (key, _) in self.document.root() {
             let name = key.get_ref().as_ref();
             if !SECTIONS.contains(&name) {
-                let remedy = suggest::remedy(name, SECTIONS.iter().copied());
+                let remedy = suggestion(name, SECTIONS.iter().copied());
                 self.complain(name, "there is no such section", remedy, &key.span());
             }
         }
@@ -215,7 +213,7 @@ impl<'t> Reader<'_, 't> {
         let word = value.as_ref().and_then(|value| value.get_ref().as_str()).unwrap_or("");
         let known = kinds.iter().find(|kind| **kind == word).copied();
         if known.is_none() {
-            let remedy = suggest::remedy(word, kinds.iter().copied());
+            let remedy = suggestion(word, kinds.iter().copied());
             let what = if value.is_some() { "is none of the known kinds" } else { "is missing" };
             self.complain(&key, what, remedy, &value.map_or(span.clone(), |value| value.span()));
         }
@@ -277,5 +275,5 @@ fn among(message: &str) -> String {
     let mut words = message.split('`').skip(1).step_by(2);
     let given = words.next().unwrap_or("");
     let known: Vec<&str> = words.collect();
-    suggest::remedy(given, known.iter().copied())
+    suggestion(given, known.iter().copied())
 }

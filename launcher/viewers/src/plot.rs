@@ -3,11 +3,11 @@
 use crate::export::cells::cells;
 use crate::export::{field_remedy, headings, is_of};
 use crate::unit::axis_label;
+use document::suggestion;
 use figures::figure::{Axis, Colour, Curve, Dash, Figure, Mark, Panel};
 use figures::results::{Kind, Value};
 use protocol::topic::{known, schema};
 use record::read::{ReadError, RecordVisitor, RecordedFlight};
-use scenario::suggestion;
 use shared_types::{Sample, Topic, TopicInfo, topics};
 use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;

@@ -1,10 +1,11 @@
 //! Flights in which a controller of the catalogue is swapped in, judged by the ground truth.
 
 use crate::Entry;
+use document::ScenarioError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use observe::Observer;
 use record::read::RecordedFlight;
-use scenario::{Override, Scenario, ScenarioError};
+use scenario::{Override, Scenario};
 use shared_types::{GateMode, Header, Sample, Slot, Topic, Trip, TripCause, Truth, topics};
 use simulate::in_process::{Conclusion, InProcess, InProcessError, Outside, StateSource};
 use std::any::Any;

@@ -3,8 +3,8 @@
 //! What is written are the crates under `launcher/templates`, which this workspace builds and tests, under
 //! another name and with the dependencies of this build.
 
+use document::suggestion;
 use miette::Diagnostic;
-use scenario::suggestion;
 use shared_types::Role;
 use std::fmt::Write as _;
 use std::io;

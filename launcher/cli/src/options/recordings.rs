@@ -1,10 +1,10 @@
 //! Arguments of `morphquad recordings`, and recordings as arguments of other commands.
 
 use super::Format;
-use crate::named::{FOLDER, named};
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::error::{Error, ErrorKind};
 use clap::{Arg, Args, Command, Subcommand};
+use record::named::{FOLDER, named};
 use std::ffi::OsStr;
 use std::path::PathBuf;
 

@@ -3,13 +3,14 @@
 use super::duration::duration;
 use super::scenario_name::ScenarioOr;
 use super::{Format, LiveFlags};
-use crate::named::LATEST;
 use clap::Args;
 use clap::builder::StringValueParser;
 use core::time::Duration;
+use document::ScenarioError;
 use protocol::topic::known;
+use record::named::LATEST;
 use replay::timing_of;
-use scenario::{Override, Scenario, ScenarioError, shipped};
+use scenario::{Override, Scenario, shipped};
 use simulate::{Pin, RunOptions, Speed};
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
@@ -96,7 +97,7 @@ impl ScenarioArguments {
 
 /// `--timing` of an entry, a file of entries, or a recording.
 fn timing(argument: &str) -> Result<Override, ScenarioError> {
-    if !scenario::is_recording(Path::new(argument)) {
+    if !document::is_recording(Path::new(argument)) {
         return Override::timing(argument);
     }
     let entries = timing_of(Path::new(argument)).map_err(|error| error.to_string());

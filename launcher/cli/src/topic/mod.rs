@@ -6,16 +6,16 @@ mod hz;
 mod info;
 mod list;
 
-use super::named::{Unnamed, named as named_recording};
 use super::options::TopicCommand;
 use super::refusal::{Done, Failure};
+use document::suggestion;
 use host::exit;
 use miette::Diagnostic;
 use protocol::control::runs::{self, FindError, Run};
 use protocol::topic::known;
 use protocol::topic::live::ListenError;
+use record::named::{Unnamed, named as named_recording};
 use record::read::{ReadError, RecordedFlight};
-use scenario::suggestion;
 use shared_types::{TopicInfo, topics};
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -1,8 +1,9 @@
 //! What may be changed in flight.
 
+use document::ScenarioError;
 use miette::Diagnostic;
 use scenario::services::{self, Assignment};
-use scenario::{Override, Scenario, ScenarioError};
+use scenario::{Override, Scenario};
 use shared_types::Slot;
 use thiserror::Error;
 

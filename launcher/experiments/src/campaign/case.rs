@@ -1,7 +1,8 @@
 //! One flight of many: what is changed in the scenario, and the command that flies it again.
 
+use document::ScenarioError;
 use scenario::settings::Clock;
-use scenario::{Override, Scenario, ScenarioError};
+use scenario::{Override, Scenario};
 
 /// The clock of every case, whatever the scenario says.
 const LOCKSTEP: &str = "lockstep";

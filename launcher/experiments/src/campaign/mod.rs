@@ -16,10 +16,10 @@ pub use file::{FileError, Plan};
 pub use journal::{Identity, Journal, JournalError};
 pub use outcome::{Outcome, Verdict, fly, fly_on};
 
+use document::ScenarioError;
 use figures::results::ResultsFolder;
 use miette::Diagnostic;
 use runtime::watch::StopFlags;
-use scenario::ScenarioError;
 use simulate::fan_out::fan_out;
 use std::sync::Mutex;
 use thiserror::Error;

@@ -1,6 +1,6 @@
 //! `morphquad adopt`: a flight whose launcher has died goes on under another one.
 
-use super::landing::Described;
+use super::described::Described;
 use super::start::{Prepared, graph_of, restart_policy, takes_all_memory};
 use super::{Flight, LOOK_EVERY_NS, Outcome};
 use crate::checkpoint::{Checkpoint, CheckpointError, CheckpointWriter, Of};
@@ -8,6 +8,7 @@ use crate::conductor::Conductor;
 use crate::live::Live;
 use crate::pilot_thread::{self, Entry};
 use crate::supervisor::Supervisor;
+use document::ScenarioError;
 use protocol::control::SOCKET;
 use protocol::topic::feed::Flying;
 use record::{Continued, Facts, Recorder};
@@ -16,7 +17,7 @@ use runtime::ipc::{Bus, PortError, ServiceKind};
 use runtime::leader::{LeadError, Leader};
 use runtime::namespace::{Membership, remove_incomplete_objects};
 use runtime::watch::StopFlags;
-use scenario::{Scenario, ScenarioError};
+use scenario::Scenario;
 use shared_types::{ClockMode, Hello, Role};
 use simulate::setup::{RunError, RunOptions, facts, recording_path, stamps_of, system};
 use simulate::{Pin, Speed, Summary};
@@ -193,8 +194,7 @@ impl Flight {
         let scenario = &options.scenario;
         let folder = membership.folder();
         let graph = graph_of(scenario)?;
-        let described =
-            host::Flight::read(folder).map_err(|error| RunError::Wiring(error.to_string()))?;
+        let described = Described::left(folder)?;
         remove_incomplete_objects(folder);
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
         bus.lead()?;
@@ -244,7 +244,7 @@ impl Flight {
             takes_all,
             // No launcher goes on with a lockstep flight.
             timed: None,
-            described: Described::new(folder.to_path_buf(), described),
+            described,
         };
         Ok(Self::of(prepared, options)?)
     }

@@ -1,6 +1,6 @@
 //! How a flight starts.
 
-use super::landing::Described;
+use super::described::Described;
 use super::timed::Timed;
 use super::{Flight, LOOK_EVERY_NS};
 use crate::checkpoint::CheckpointWriter;
@@ -83,13 +83,22 @@ pub(super) fn graph_of(scenario: &Scenario) -> Result<Graph, RunError> {
     scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))
 }
 
+/// What takes the samples of a flight.
+fn sinks_of(scenario: &Scenario, roles: &[Role], recording: Option<Recorder>) -> Sinks {
+    let mut sinks = Sinks::new(roles, Metrics::of(scenario), recording);
+    let watch = SlotWatch::new(&scenario.modelled_vehicle());
+    let is_lockstep = clock_of(scenario) == ClockMode::Lockstep;
+    sinks.slot_watch = Some(if is_lockstep { watch } else { watch.by_the_wall() });
+    sinks
+}
+
 impl Flight {
     pub(super) fn prepare(
         options: &RunOptions,
         membership: &Membership,
         stop: StopFlags,
         recording: Option<Recorder>,
-        (live, checkpoint_writer, described): (Live, CheckpointWriter, host::Flight),
+        (live, checkpoint_writer, described): (Live, CheckpointWriter, Described),
     ) -> Result<Self, RunError> {
         let scenario = &options.scenario;
         let graph = graph_of(scenario)?;
@@ -124,7 +133,6 @@ impl Flight {
         let slots = Slots::new(clock_of(scenario), &specs, scenario, startup_ns);
         let folder = membership.folder().to_path_buf();
         let policy = restart_policy(scenario, takes_all);
-        let described = Described::new(folder.clone(), described);
         let supervisor = Supervisor::new(&bus, folder, specs, &hello, policy, checkpoint_writer)?;
         let (mode, end_ns) = (clock_of(scenario), scenario.duration_ns());
         let conductor = Conductor::new(&bus, mode, options.speed, end_ns, &graph)?;
@@ -163,10 +171,7 @@ impl Flight {
         } = prepared;
         let settings = options.scenario.settings();
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
-        let mut sinks = Sinks::new(&roles, Metrics::of(&options.scenario), recording);
-        let watch = SlotWatch::new(&options.scenario.modelled_vehicle());
-        let is_lockstep = clock_of(&options.scenario) == ClockMode::Lockstep;
-        sinks.slot_watch = Some(if is_lockstep { watch } else { watch.by_the_wall() });
+        let mut sinks = sinks_of(&options.scenario, &roles, recording);
         sinks.feed = live.take_feed();
         let clock_reader = LatestPort::clock(&bus)?;
         let is_reserved = takes_all && !locks(settings, may_lock_memory());

@@ -2,8 +2,8 @@
 
 use super::Checker;
 use crate::services::{self, Assignment};
-use crate::suggest;
 use controller::{ControllerSection as _, OutOfRange, SectionRefusal};
+use document::suggestion;
 use shared_types::Slot;
 
 impl Checker<'_> {
@@ -13,7 +13,7 @@ impl Checker<'_> {
             let Some(name) = name else { continue };
             if !services::names_for(role).any(|known| known == name) {
                 let what = format!("no service called `{name}` fills this slot");
-                let remedy = suggest::remedy(name, services::names_for(role));
+                let remedy = suggestion(name, services::names_for(role));
                 self.error(&format!("controller.{}", role.label()), what, remedy);
             }
         }

@@ -1,9 +1,8 @@
 //! `--timing` of the command line: an entry, a file of entries, or those of a recording.
 
-use crate::document::Edit;
 use crate::overrides::{refusal, seconds};
-use crate::problem::ScenarioError;
 use crate::{Override, text};
+use document::{Edit, ScenarioError};
 use std::path::Path;
 
 const TIMING_FORM: &str = "write --timing NAME:KIND=TIME@FROM..TO, for example --timing attitude:step=12ms@2s..3s or \

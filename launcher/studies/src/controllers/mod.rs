@@ -10,9 +10,10 @@ pub mod report;
 mod tests;
 
 use core::time::Duration;
+use document::ScenarioError;
 use flown::{Flown, fly_one};
 use scenario::services::names_for;
-use scenario::{Override, Scenario, ScenarioError};
+use scenario::{Override, Scenario};
 use shared_types::Role;
 use simulate::fan_out::{Progress, fan_out};
 use simulate::in_process::InProcessError;

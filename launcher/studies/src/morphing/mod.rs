@@ -14,8 +14,9 @@ mod tests;
 pub use flown::{Flown, Window};
 pub use marks::{Mark, marks};
 
+use document::ScenarioError;
 use flown::fly_one;
-use scenario::{Override, Scenario, ScenarioError};
+use scenario::{Override, Scenario};
 use serde::Serialize;
 use simulate::fan_out::{Progress, fan_out};
 use simulate::in_process::{InProcessError, StateSource};

@@ -12,8 +12,9 @@ mod tests;
 pub use draw::{Draw, RANGES, Range};
 
 use ::verdict::Grade;
+use document::ScenarioError;
 use observe::{Closing, Metrics};
-use scenario::{Override, Scenario, ScenarioError};
+use scenario::{Override, Scenario};
 use simulate::fan_out::{Progress, fan_out};
 use simulate::in_process::{InProcessError, StateSource, fly as fly_alone};
 use thiserror::Error;
@@ -146,7 +147,7 @@ fn fly_one(plan: &Plan, base: &Scenario, draw: Draw) -> Result<Flown, RandomErro
     metrics.finish();
     let closing = Closing { flown_ns: scenario.duration_ns(), ..Closing::default() };
     let tracking = metrics.tracking();
-    let drawn = drawn.iter().map(|flag| format!(" --set {}", scenario::shell_word(flag)));
+    let drawn = drawn.iter().map(|flag| format!(" --set {}", document::shell_word(flag)));
     let given = Some(&plan.flags).filter(|flags| !flags.is_empty());
     let given = given.map_or(String::new(), |flags| format!(" {flags}"));
     Ok(Flown {

@@ -10,9 +10,10 @@ mod tests;
 
 use crate::stability::{Bench, StabilityError, delay_margin_s};
 use ::verdict::Grade;
+use document::ScenarioError;
 use observe::{Closing, Metrics};
 use scenario::services::Assignment;
-use scenario::{Override, Scenario, ScenarioError};
+use scenario::{Override, Scenario};
 use shared_types::Role;
 use simulate::fan_out::{Progress, fan_out};
 use simulate::in_process::{InProcessError, StateSource, fly as fly_alone};

@@ -426,7 +426,7 @@ fn known_slot(name: &str, machines: &Machines) -> Result<Slot, Refusal> {
         if flown.is_empty() {
             return nothing_to_order();
         }
-        let remedy = scenario::suggestion(name, flown.into_iter());
+        let remedy = document::suggestion(name, flown.into_iter());
         Refusal::new(Reason::UnknownSlot, format!("this flight has no slot {name}; {remedy}"))
     })
 }

@@ -1,9 +1,9 @@
 //! A sample as a row of a table.
 
 use core::fmt::Write as _;
+use document::suggestion;
 use figures::results::{Kind as Column, Value as Cell};
 use protocol::topic::fields::{enum_text, word};
-use scenario::suggestion;
 use shared_types::wire::{Field, Kind, Schema, Visitor, Wire};
 
 /// Headings of a table with a column for each number of a sample.

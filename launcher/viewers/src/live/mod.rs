@@ -14,6 +14,7 @@ mod viewers;
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
+use document::ScenarioError;
 use http::HttpApi;
 use picture::Picture;
 use protocol::control::client::Conversation;
@@ -25,7 +26,7 @@ use protocol::topic::live::{ListenError, Listening, Word};
 pub use restart::Place;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::namespace::living_runs;
-use scenario::{Scenario, ScenarioError};
+use scenario::Scenario;
 use shared_types::{Sample, Topic, TopicInfo, TopicVisitor, topics};
 use std::net::{IpAddr, SocketAddr, UdpSocket};
 use std::path::Path;

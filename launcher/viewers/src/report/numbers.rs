@@ -4,10 +4,11 @@ use super::observe::Observed;
 use crate::trace;
 use crate::view::Gathered;
 use ::verdict::CHECKS;
+use document::shell_path;
 use observe::{Fact, Part, kept_hash};
 use record::Clock;
 use record::read::{Closing, RecordedFlight};
-use scenario::{Override, Scenario, shell_path, shipped};
+use scenario::{Override, Scenario, shipped};
 use serde::Serialize;
 
 /// One number with what it is measured by.

@@ -41,22 +41,24 @@ mod tests {
     use crate::flight::Clock;
     use crate::flight::tests::flight;
 
-    fn staying(clock: Clock, speed: f64, grace_s: f64) -> [f64; 2] {
+    fn staying(clock: Clock, speed: f64, grace_s: f64) -> Staying {
         let (mut flight, _, _) = flight();
         (flight.clock, flight.speed, flight.grace_s) = (clock, speed, grace_s);
-        let staying = Staying::of(&flight);
-        [staying.grace_s, staying.leave_s]
+        Staying::of(&flight)
     }
 
     #[test]
     fn grace_and_landing_are_times_of_the_flight() {
         let realtime = |speed, grace_s| staying(Clock::Realtime, speed, grace_s);
-        assert_eq!(realtime(1.0, 3.0), [3.0, 7.5]);
-        assert_eq!(realtime(0.5, 3.0), [6.0, 15.0]);
-        assert_eq!(realtime(4.0, 3.0), [0.75, 1.875]);
-        assert_eq!(realtime(0.5, 0.0), [0.0, 0.0], "a flight without a grace is not landed");
-        assert_eq!(staying(Clock::Lockstep, 0.5, 1.0), [1.0, 1.0]);
-        assert_eq!(staying(Clock::Lockstep, 1.0, 30.0), [LOCKSTEP_GRACE_S, LOCKSTEP_GRACE_S]);
+        assert_eq!(realtime(1.0, 3.0), Staying { grace_s: 3.0, leave_s: 7.5 });
+        assert_eq!(realtime(0.5, 3.0), Staying { grace_s: 6.0, leave_s: 15.0 });
+        assert_eq!(realtime(4.0, 3.0), Staying { grace_s: 0.75, leave_s: 1.875 });
+        let at_once = Staying { grace_s: 0.0, leave_s: 0.0 };
+        assert_eq!(realtime(0.5, 0.0), at_once, "a flight without a grace is not landed");
+        let lockstep = |grace_s| staying(Clock::Lockstep, 0.5, grace_s);
+        assert_eq!(lockstep(1.0), Staying { grace_s: 1.0, leave_s: 1.0 });
+        let longest = Staying { grace_s: LOCKSTEP_GRACE_S, leave_s: LOCKSTEP_GRACE_S };
+        assert_eq!(lockstep(30.0), longest);
     }
 
     #[test]

@@ -14,46 +14,49 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 /// A parsed table, with places.
-pub(super) type Table<'t> = DeTable<'t>;
+pub(crate) type Table<'t> = DeTable<'t>;
 /// A key, with its place.
 type Key<'t> = Spanned<Cow<'t, str>>;
 /// A parsed value, with its place.
-pub(super) type Value<'t> = Spanned<DeValue<'t>>;
+pub type Value<'t> = Spanned<DeValue<'t>>;
 
 /// Sees path, place of the key and value of an entry.
-pub(super) type Visit<'v> = dyn FnMut(&str, Range<usize>, &Value<'_>) + 'v;
+pub(crate) type Visit<'v> = dyn FnMut(&str, Range<usize>, &Value<'_>) + 'v;
 
 /// An edit that the command line asks for.
 #[derive(Debug, Clone)]
-pub(super) struct Edit {
+pub struct Edit {
     /// The flag as typed.
-    pub(super) shown: String,
+    pub shown: String,
     /// Dotted key.
-    pub(super) key: String,
+    pub key: String,
     /// Value in TOML.
-    pub(super) value: String,
+    pub value: String,
     /// The value is a list whose entries are added to those that are there.
-    pub(super) added: bool,
+    pub added: bool,
     /// What it comes from, which complaints name.
-    pub(super) from: String,
+    pub from: String,
 }
 
 /// What an edit that the command line asks for comes from.
-pub(super) const COMMAND_LINE: &str = "command line";
+pub const COMMAND_LINE: &str = "command line";
 
 impl Edit {
     /// One more entry of a list.
-    pub(super) fn added(shown: String, list: &str, entry: &str) -> Self {
+    #[must_use]
+    pub fn added(shown: String, list: &str, entry: &str) -> Self {
         Self { added: true, ..Self::set(shown, list.to_owned(), format!("[{{ {entry} }}]")) }
     }
 
     /// A value in place of what is there.
-    pub(super) fn set(shown: String, key: String, value: String) -> Self {
+    #[must_use]
+    pub fn set(shown: String, key: String, value: String) -> Self {
         Self { shown, key, value, added: false, from: COMMAND_LINE.to_owned() }
     }
 
     /// What a file that the scenario names adds to it.
-    pub(super) fn embedded(file: &str, key: String, value: String) -> Self {
+    #[must_use]
+    pub fn embedded(file: &str, key: String, value: String) -> Self {
         Self { from: file.to_owned(), ..Self::set(file.to_owned(), key, value) }
     }
 }
@@ -71,11 +74,12 @@ struct Text {
 
 /// The virtual text.
 #[derive(Debug)]
-pub(super) struct Texts(Vec<Text>);
+pub struct Texts(Vec<Text>);
 
 impl Texts {
     /// The scenario itself and then the edits.
-    pub(super) fn new(name: &str, text: &str, edits: &[Edit]) -> Self {
+    #[must_use]
+    pub fn new(name: &str, text: &str, edits: &[Edit]) -> Self {
         let mut texts = Self(Vec::new());
         texts.push(name, text, text);
         for edit in edits {
@@ -121,7 +125,7 @@ pub fn renamed(key: &str) -> Option<String> {
 
 /// The merged document.
 #[derive(Debug)]
-pub(super) struct Document<'t> {
+pub struct Document<'t> {
     texts: &'t Texts,
     root: Table<'t>,
     renamed: Vec<Problem>,
@@ -129,7 +133,10 @@ pub(super) struct Document<'t> {
 
 impl<'t> Document<'t> {
     /// Parses the scenario and puts each edit in place of what it says.
-    pub(super) fn parse(texts: &'t Texts, edits: &[Edit]) -> Result<Self, Problem> {
+    ///
+    /// # Errors
+    /// A text that is no TOML, or an edit of what is no table.
+    pub fn parse(texts: &'t Texts, edits: &[Edit]) -> Result<Self, Problem> {
         let mut document = Self { texts, root: Table::new(), renamed: Vec::new() };
         for (index, text) in texts.0.iter().enumerate() {
             let table = DeTable::parse(&text.padded).map_err(|error| {
@@ -175,7 +182,8 @@ impl<'t> Document<'t> {
     }
 
     /// Warnings about names of before.
-    pub(super) fn renamed(&self) -> &[Problem] {
+    #[must_use]
+    pub fn renamed(&self) -> &[Problem] {
         &self.renamed
     }
 
@@ -205,17 +213,20 @@ impl<'t> Document<'t> {
     }
 
     /// The merged document.
-    pub(super) fn root(&self) -> &Table<'t> {
+    #[must_use]
+    pub fn root(&self) -> &Table<'t> {
         &self.root
     }
 
     /// Whether there is a value at a dotted key.
-    pub(super) fn has(&self, key: &str) -> bool {
+    #[must_use]
+    pub fn has(&self, key: &str) -> bool {
         self.value(key).is_some()
     }
 
     /// The number at a dotted key.
-    pub(super) fn number(&self, key: &str) -> Option<f64> {
+    #[must_use]
+    pub fn number(&self, key: &str) -> Option<f64> {
         match self.value(key)?.get_ref() {
             DeValue::Float(number) => number.as_str().parse().ok(),
             DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix())
@@ -231,25 +242,30 @@ impl<'t> Document<'t> {
     }
 
     /// Takes a value out.
-    pub(super) fn remove(&mut self, section: &str, key: &str) {
+    pub fn remove(&mut self, section: &str, key: &str) {
         if let Some(DeValue::Table(table)) = self.root.get_mut(section).map(Spanned::get_mut) {
             table.remove(key);
         }
     }
 
     /// The merged document as plain values.
-    pub(super) fn to_table(&self) -> Result<toml::Table, toml::de::Error> {
+    ///
+    /// # Errors
+    /// It holds a date, which is none.
+    pub fn to_table(&self) -> Result<toml::Table, toml::de::Error> {
         let value = Spanned::new(0..0, DeValue::Table(self.root.clone()));
         toml::Table::deserialize(toml::de::ValueDeserializer::from(value))
     }
 
     /// Where a byte range of the virtual text is.
-    pub(super) fn place(&self, span: &Range<usize>) -> Option<Place> {
+    #[must_use]
+    pub fn place(&self, span: &Range<usize>) -> Option<Place> {
         self.texts.place(span)
     }
 
     /// Where the value at `path` is, or else the innermost section around it that exists.
-    pub(super) fn place_of(&self, path: &str) -> Option<Place> {
+    #[must_use]
+    pub fn place_of(&self, path: &str) -> Option<Place> {
         let mut found: Option<Range<usize>> = None;
         let mut table = Some(&self.root);
         let mut value: Option<&Value<'_>> = None;
@@ -268,7 +284,8 @@ impl<'t> Document<'t> {
     }
 
     /// Dotted key of the value or key that a byte range belongs to.
-    pub(super) fn key_at(&self, span: &Range<usize>) -> String {
+    #[must_use]
+    pub fn key_at(&self, span: &Range<usize>) -> String {
         let mut best = (usize::MAX, String::new());
         walk(&self.root, "", &mut |path, key, value| {
             for own in [key, value.span()] {
@@ -281,7 +298,7 @@ impl<'t> Document<'t> {
     }
 
     /// Calls `visit` with path, place of the key and value, for every entry of every table.
-    pub(super) fn walk(&self, visit: &mut Visit<'_>) {
+    pub fn walk(&self, visit: &mut Visit<'_>) {
         walk(&self.root, "", visit);
     }
 }

@@ -49,11 +49,11 @@ const PIECE_WIDTHS: [usize; 2] = [25, 33];
 
 /// What a file has, row by row.
 #[derive(Debug)]
-pub(super) struct Table {
+pub struct Table {
     /// Pieces of polynomials, or samples.
-    pub(super) is_pieces: bool,
+    pub is_pieces: bool,
     /// Numbers in the order of `pilot.pieces` or `pilot.samples`.
-    pub(super) rows: Vec<Vec<f64>>,
+    pub rows: Vec<Vec<f64>>,
     name: String,
     text: String,
     /// Where each row stands.
@@ -82,7 +82,7 @@ impl Table {
     ///
     /// # Errors
     /// The first line that is neither a header nor as many numbers as there are columns.
-    pub(super) fn parse(name: &str, text: &str) -> Result<Self, Problem> {
+    pub fn parse(name: &str, text: &str) -> Result<Self, Problem> {
         let text = text.trim_start_matches('\u{feff}').to_owned();
         let source = || NamedSource::new(name, text.clone());
         let refuse = |span: Range<usize>, what: String, remedy: &str| {
@@ -146,7 +146,8 @@ impl Table {
     }
 
     /// A complaint about a row, or about the whole.
-    pub(super) fn problem(&self, row: Option<usize>, what: &str, remedy: &str) -> Problem {
+    #[must_use]
+    pub fn problem(&self, row: Option<usize>, what: &str, remedy: &str) -> Problem {
         let span = row.and_then(|row| self.spans.get(row).cloned()).unwrap_or(0..0);
         let source = NamedSource::new(&self.name, self.text.clone());
         Problem::new("pilot.file", what, remedy, Some(Place { source, span }))

@@ -4,7 +4,7 @@ use core::fmt;
 use miette::{Diagnostic, LabeledSpan, NamedSource, Severity, SourceCode};
 
 /// Key, what is wrong with it, and what to do: a problem before its place is looked up.
-pub(super) type Complaint = (String, String, String);
+pub type Complaint = (String, String, String);
 
 /// One thing that is wrong, or doubtful, at one place.
 #[derive(Debug, Clone)]
@@ -22,13 +22,13 @@ struct Facts {
 
 /// Where in which text.
 #[derive(Debug, Clone)]
-pub(super) struct Place {
-    pub(super) source: NamedSource<String>,
-    pub(super) span: core::ops::Range<usize>,
+pub struct Place {
+    pub source: NamedSource<String>,
+    pub span: core::ops::Range<usize>,
 }
 
 impl Problem {
-    pub(super) fn new(
+    pub fn new(
         key: impl Into<String>,
         what: impl Into<String>,
         remedy: impl Into<String>,
@@ -40,12 +40,14 @@ impl Problem {
     }
 
     /// The same about how the text is written, not about how much a value is.
-    pub(super) fn into_malformed(mut self) -> Self {
+    #[must_use]
+    pub fn into_malformed(mut self) -> Self {
         self.0.malformed = true;
         self
     }
 
-    pub(super) fn into_warning(mut self) -> Self {
+    #[must_use]
+    pub fn into_warning(mut self) -> Self {
         self.0.severity = Severity::Warning;
         self
     }
@@ -123,7 +125,8 @@ pub struct ScenarioError {
 
 impl ScenarioError {
     /// `None` if nothing is wrong.
-    pub(super) fn from_problems(problems: Vec<Problem>) -> Option<Self> {
+    #[must_use]
+    pub fn from_problems(problems: Vec<Problem>) -> Option<Self> {
         let mut problems = problems.into_iter();
         problems.next().map(|first| Self { first, others: problems.collect() })
     }

@@ -1,7 +1,7 @@
 //! Recordings by name: files, the latest one, and the beginning of a name or of the ID of a run.
 
+use crate::read::facts_of;
 use core::cmp::Reverse;
-use record::read::facts_of;
 use scenario::shipped;
 use std::collections::BTreeMap;
 use std::io;
@@ -9,16 +9,16 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Folder of recordings that are not placed elsewhere.
-pub(super) const FOLDER: &str = "recordings";
+pub const FOLDER: &str = "recordings";
 /// What stands for the newest recording in that folder.
-pub(super) const LATEST: &str = "latest";
+pub const LATEST: &str = "latest";
 
 /// So many files are named that are no recordings.
 const NAMED: usize = 3;
 
 /// Why a word means no single recording.
 #[derive(Debug, Error)]
-pub(super) enum Unnamed {
+pub enum Unnamed {
     #[error("there is no recording in {FOLDER}/ yet: `morphquad run` makes one")]
     Nothing,
     #[error("no file in {FOLDER}/ is a recording with a whole beginning: {names}")]
@@ -33,7 +33,7 @@ pub(super) enum Unnamed {
 ///
 /// # Errors
 /// [`Unnamed`] if there is no recording yet, or the beginning is of several.
-pub(super) fn named(word: &Path) -> Result<PathBuf, Unnamed> {
+pub fn named(word: &Path) -> Result<PathBuf, Unnamed> {
     if word == Path::new(LATEST) {
         return latest();
     }
@@ -56,7 +56,7 @@ pub(super) fn named(word: &Path) -> Result<PathBuf, Unnamed> {
 ///
 /// # Errors
 /// [`Unnamed`] if there is no recording.
-pub(super) fn latest() -> Result<PathBuf, Unnamed> {
+pub fn latest() -> Result<PathBuf, Unnamed> {
     let found = found_in(Path::new(FOLDER));
     match found.first() {
         Some(newest) if newest.began_unix_ns > 0 => Ok(newest.path.clone()),
@@ -108,13 +108,15 @@ fn begun_by(word: &str, mut found: Vec<Found>) -> Result<Option<PathBuf>, Unname
 }
 
 /// Name of a recording: that of its file, without the ending.
-pub(super) fn stem(path: &Path) -> String {
+#[must_use]
+pub fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Recordings of a folder, the newest flight first, and at the end what is only named like one; none of a folder that
 /// cannot be read.
-pub(super) fn newest(folder: &Path) -> Vec<PathBuf> {
+#[must_use]
+pub fn newest(folder: &Path) -> Vec<PathBuf> {
     found_in(folder).into_iter().map(|found| found.path).collect()
 }
 
@@ -131,7 +133,7 @@ fn found_in(folder: &Path) -> Vec<Found> {
 ///
 /// # Errors
 /// The folder cannot be read.
-pub(super) fn of_folder(folder: &Path) -> io::Result<Vec<PathBuf>> {
+pub fn of_folder(folder: &Path) -> io::Result<Vec<PathBuf>> {
     let paths = std::fs::read_dir(folder)?.filter_map(|entry| Some(entry.ok()?.path()));
     let mut found: Vec<PathBuf> =
         paths.filter(|path| path.extension().is_some_and(|kind| kind == "mcap")).collect();
