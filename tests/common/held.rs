@@ -4,8 +4,10 @@
 //! flight would then come after its end.
 
 use super::misdeeds::{config, rogue};
-use super::processes::{Running, make_executable};
+use super::processes::{Running, kill, make_executable};
+use super::time::pause_at_least;
 use super::{Flown, fly};
+use rustix::process::Signal;
 use std::fs::File;
 use std::io::Write as _;
 use std::process::Command;
@@ -53,6 +55,16 @@ impl Held {
         let running =
             Running::start_and_fly(&[flight, &["--swap", candidate.swap.as_str()]].concat());
         Self { running, candidate }
+    }
+
+    /// The candidate joins while the launcher is stopped, for so long at least \[s\]. What is asserted must hold for any
+    /// longer time too: no test may need this to be short.
+    pub(crate) fn release_while_the_launcher_is_stopped(mut self, stopped_s: f64) -> Flown {
+        assert!(kill(self.running.launcher_pid(), Signal::STOP), "it had gone");
+        self.candidate.release();
+        pause_at_least(stopped_s);
+        assert!(kill(self.running.launcher_pid(), Signal::CONT), "it had gone");
+        self.running.wait()
     }
 
     /// Has it go on to its end, and waits for that.

@@ -1,7 +1,7 @@
 //! A running flight and its processes, seen from outside through /proc and /dev/shm.
 
 use super::recording::Recording;
-use super::time::{pause_at_least, wait_until};
+use super::time::wait_until;
 use super::{Flown, Place, judged, morphquad};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
@@ -187,14 +187,6 @@ impl Running {
     pub(crate) fn kill_launcher(&self) {
         assert!(kill(self.pid, Signal::KILL), "it had gone");
         wait_until("the launcher is dead", || is_dead(self.pid));
-    }
-
-    /// Stops the launcher and has it go on later. What is asserted must hold for any longer time too: no test may need
-    /// this to be short.
-    pub(crate) fn stop_launcher_for_at_least(&self, stopped_s: f64) {
-        assert!(kill(self.pid, Signal::STOP), "it had gone");
-        pause_at_least(stopped_s);
-        assert!(kill(self.pid, Signal::CONT), "it had gone");
     }
 
     /// Interrupts it again and again until it has ended, as a user does who cannot wait.

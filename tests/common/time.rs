@@ -1,7 +1,8 @@
 //! The only module of these tests that reads a clock or pauses.
 //!
 //! What decides by the clock fails on a busy machine although the program is right, so that [`pause_ms`] and [`host_s`]
-//! are for tests of the soak alone; `tests/sources/time.rs` sees to that. All others wait for the event itself.
+//! are for tests of the soak alone; `tests/sources/time.rs` sees to that. All others wait for the event itself, or at
+//! least as long as what must have no effect lasts.
 
 use runtime::clock::{mono_now_ns, sleep_until};
 use std::fs::File;

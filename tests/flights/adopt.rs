@@ -2,11 +2,11 @@
 //! down to the ground. All of it by the wall clock, so only survival and order are asserted.
 
 use crate::common::misdeeds::{config, config_from, rogue};
-use crate::common::morphquad;
 use crate::common::processes::{Running, kill, left_in_shared_memory, processes_of, ps};
 use crate::common::recording::Recording;
 use crate::common::spectator::Spectator;
 use crate::common::time::{wait_for, wait_until};
+use crate::common::{distance, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
@@ -159,27 +159,37 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
     assert_nothing_left(&run);
 }
 
-/// It frees what the dead launcher has left while the next one takes that over.
 #[test]
 fn a_process_that_writes_in_the_place_of_a_dead_launcher_is_not_followed() {
+    // After it has written for a while, and while it frees what the dead launcher has left.
+    for lines in [3, 0] {
+        assert_not_followed(lines);
+    }
+}
+
+/// As long as the usurper has not written so many lines nothing takes over. It writes two in a second.
+fn assert_not_followed(lines: usize) {
     let running = slowly(&["--for", "60s"]);
     let run = running.id().to_owned();
     running.kill_launcher();
     let mut usurper = Command::new(rogue());
     usurper.args(["usurp", &format!("/dev/shm/mq-{run}")]).stdout(Stdio::piped());
     let mut usurper = usurper.spawn().expect("it starts");
+    let mut written = BufReader::new(usurper.stdout.take().expect("a pipe")).lines();
+    let mut writes = || written.next().expect("it goes on").expect("a line");
+    (0..lines).for_each(|_| drop(writes()));
     let mut adopter = Adopter::start(&run);
     wait_until("another launcher leads", || {
         assert!(matches!(adopter.0.try_wait(), Ok(None)), "{:?}", adopter.said_so_far());
         ps(&run).is_some_and(|status| status["launcher_pid"] == adopter.0.id())
     });
-    let mut writes = BufReader::new(usurper.stdout.take().expect("a pipe"));
-    writes.read_line(&mut String::new()).expect("it writes");
+    writes();
     let flown_s = || ps(&run).and_then(|status| status["flown_s"].as_f64()).unwrap_or(0.0);
     let written_s = flown_s();
     wait_until("it flies on", || flown_s() > written_s + 0.1);
+    assert!(matches!(usurper.try_wait(), Ok(None)), "it still writes");
     // Who is killed as the last of a run leaves the run to the next one's sweep.
-    usurper.kill().expect("it still writes");
+    usurper.kill().expect("it is there");
     usurper.wait().expect("it ends");
     assert!(kill(adopter.0.id(), Signal::INT));
     let (code, summary, said) = adopter.end();
@@ -273,7 +283,7 @@ fn without_a_launcher_to_take_over_the_vehicle_lands_and_nothing_is_left() {
 /// However slowly time runs, and from wherever the vehicle has been sent.
 #[test]
 fn without_a_launcher_the_processes_land_before_they_leave() {
-    for (speed, height_m) in [("0.5", None), ("2", Some(4.0))] {
+    for (speed, height_m) in [("0.5", None), ("1", Some(4.0))] {
         let grace = ["--for", "600s", "--set", "launcher.launcher_grace_s=0.5"];
         let running = realtime(&[&grace[..], &["--speed", speed]].concat());
         let run = running.id().to_owned();
@@ -285,7 +295,9 @@ fn without_a_launcher_the_processes_land_before_they_leave() {
             spectator.wait_until("it is there", |truth, _| truth.position_w_m[2] > 0.9 * height_m);
         }
         running.kill_launcher();
-        spectator.wait_until("it lands", |truth, _| truth.position_w_m[2] < 0.1);
+        spectator.wait_until("it lands", |truth, _| {
+            truth.position_w_m[2] < 0.1 && distance(&truth.velocity_w_m_s, &[0.0; 3]) < 0.05
+        });
         drop(spectator);
         assert_nothing_left(&run);
     }

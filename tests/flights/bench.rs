@@ -97,24 +97,19 @@ fn assert_paths(report: &Value, hold_us: f64) {
 #[test]
 fn with_asap_edges_nothing_holds_a_command_and_a_warm_loop_allocates_nothing() {
     let _place = Place::for_realtime();
-    let flight = ["loops", "hover", "--asap", "--for", "2s", "--policy", "other"];
+    // Long enough for two looks at the processes in what counts as steady flight, on a busy machine too.
+    let flight = ["loops", "hover", "--asap", "--for", "4s", "--policy", "other"];
     // A loop that was started again would open its ports in what counts as steady flight.
     let patience = ["--set", "launcher.lag_timeout_s=600", "--set", "launcher.stall_timeout_s=600"];
     let report = &flown(&[&flight[..], &patience].concat(), 0)["report"];
     assert_paths(report, 0.0);
-    let mut costs = 0;
     for one in report["loops"].as_array().expect("loops") {
         let cost = &one["cost"];
-        // On a busy machine no two looks at the processes may have fallen into the window.
-        if cost.is_null() {
-            continue;
-        }
-        costs += 1;
         assert_eq!(cost["allocations"], 0, "{one}");
         // Of which the transport has one for each sample.
         assert!(cost["transport_allocations"].as_u64() > Some(0), "{one}");
     }
-    assert!(costs == 0 || report["launcher"]["cpu_percent"].as_f64() > Some(0.0), "{report}");
+    assert!(report["launcher"]["cpu_percent"].as_f64() > Some(0.0), "{report}");
 }
 
 #[test]

@@ -179,8 +179,10 @@ fn an_order_that_makes_no_sense_ends_with_2_and_the_flight_goes_on() {
 
 #[test]
 fn a_launcher_that_was_killed_leaves_its_run_listed_and_unanswered_until_it_is_gone() {
-    let short = ["--set", "launcher.launcher_grace_s=5"];
-    let running = Running::start_and_fly(&[&REALTIME[..], &short].concat());
+    // Grace and landing are times of the flight, for which the test waits.
+    let short = ["hover", "--clock", "realtime", "--for", "60s"];
+    let grace = ["--set", "launcher.launcher_grace_s=5"];
+    let running = Running::start_and_fly(&[&short[..], &grace].concat());
     running.kill_launcher();
     let mut said = say(&["ps", "--run", running.id()]);
     wait_until("no launcher answers", || {

@@ -4,10 +4,10 @@ use super::options::{
     Format, ScenarioCommand, ScenarioKeysArguments, ScenarioNewArguments, ScenarioShowArguments,
 };
 use super::refusal::{Done, Failure};
-use document::{renamed, shell_path, suggestion};
+use document::{shell_path, suggestion};
 use host::exit;
 use scenario::keys::{Key, Section, sections};
-use scenario::shipped;
+use scenario::{renamed, shipped};
 use serde_json::Value;
 use std::fs::File;
 use std::io::{self, Write};

@@ -107,37 +107,29 @@ impl Texts {
     }
 }
 
-/// Sections that had another name in scenarios and recordings of before, and what they are called now.
-const RENAMED: [(&[&str], &[&str]); 3] = [
-    (&["crew"], &["controller"]),
-    (&["watch"], &["monitor"]),
-    (&["realtime", "watch"], &["realtime", "monitor"]),
-];
-
-/// What a key or section is called now that had another name before; none if it had not.
-#[must_use]
-pub fn renamed(key: &str) -> Option<String> {
-    RENAMED.iter().find_map(|(old, new)| {
-        let rest = key.strip_prefix(old.join(".").as_str())?;
-        (rest.is_empty() || rest.starts_with('.')).then(|| new.join(".") + rest)
-    })
-}
+/// Sections that had another name before, and what they are called now, by the parts of their keys.
+pub type Renamed = [(&'static [&'static str], &'static [&'static str])];
 
 /// The merged document.
 #[derive(Debug)]
 pub struct Document<'t> {
     texts: &'t Texts,
     root: Table<'t>,
+    names: &'static Renamed,
     renamed: Vec<Problem>,
 }
 
 impl<'t> Document<'t> {
-    /// Parses the scenario and puts each edit in place of what it says.
+    /// Parses the scenario, puts each edit in place of what it says, and gives sections the names of today.
     ///
     /// # Errors
     /// A text that is no TOML, or an edit of what is no table.
-    pub fn parse(texts: &'t Texts, edits: &[Edit]) -> Result<Self, Problem> {
-        let mut document = Self { texts, root: Table::new(), renamed: Vec::new() };
+    pub fn parse(
+        texts: &'t Texts,
+        edits: &[Edit],
+        names: &'static Renamed,
+    ) -> Result<Self, Problem> {
+        let mut document = Self { texts, root: Table::new(), names, renamed: Vec::new() };
         for (index, text) in texts.0.iter().enumerate() {
             let table = DeTable::parse(&text.padded).map_err(|error| {
                 let place = error.span().and_then(|span| texts.place(&span));
@@ -155,7 +147,7 @@ impl<'t> Document<'t> {
 
     /// Gives sections the names of today.
     fn rename(&mut self) -> Result<(), Problem> {
-        for (old, new) in RENAMED {
+        for (old, new) in self.names {
             let Some((key, value)) = take(&mut self.root, old) else { continue };
             if get(&self.root, new).is_some() {
                 let what = format!("is called `{}` now, and that is there too", new.join("."));
@@ -196,7 +188,7 @@ impl<'t> Document<'t> {
             return Err(Problem::new(&*edit.key, what, remedy, place).into_malformed());
         };
         let renamed =
-            RENAMED.iter().find_map(|(old, new)| Some((*old, *new, keys.strip_prefix(*old)?)));
+            self.names.iter().find_map(|(old, new)| Some((*old, *new, keys.strip_prefix(*old)?)));
         let keys = match renamed {
             Some((old, new, rest)) => {
                 self.warn_of_name(old, new, &key.span());

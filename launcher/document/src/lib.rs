@@ -9,7 +9,7 @@ mod shell;
 mod suggest;
 mod trajectory_file;
 
-pub use document::{COMMAND_LINE, Document, Edit, Texts, Value, renamed};
+pub use document::{COMMAND_LINE, Document, Edit, Renamed, Texts, Value};
 pub use problem::{Complaint, Place, Problem, ScenarioError};
 pub use recording_magic::is_recording;
 pub use shell::{shell_path, shell_word};

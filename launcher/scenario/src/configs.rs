@@ -15,8 +15,8 @@ use position_mpc::PositionLawConfig;
 use shared_types::{Role, Slot};
 
 /// From the end of a descent until the vehicle stands still on the ground, and by how much the descent may have begun
-/// late, as the reference ends ahead of time \[s\].
-const SETTLE_S: f64 = 1.5;
+/// late: the last reference is ahead of its time, and a landing begins half a second after it at least \[s\].
+const SETTLE_S: f64 = 2.0;
 
 /// How long the vehicle needs to land from a height \[s\].
 pub(crate) fn landing_s(landing: &Landing, height_m: f64) -> f64 {

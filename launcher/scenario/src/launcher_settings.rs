@@ -4,7 +4,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// Timeouts and restarts of the launcher, in wall time.
+/// Timeouts and restarts of the launcher, in wall time but for the grace, which is a time of the flight.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct LauncherSettings {

@@ -22,6 +22,7 @@ mod overrides;
 mod pilot_error;
 pub mod process;
 pub mod rehearsal;
+mod renamed;
 mod rights;
 pub mod script;
 pub mod services;
@@ -40,6 +41,7 @@ pub mod wiring;
 pub use ::pilot::settings::Plan;
 pub use check::TESTED_RATES_HZ;
 pub use overrides::Override;
+pub use renamed::renamed;
 pub use settings::Settings;
 pub use wiring::WiringError;
 pub use wiring::delayed_topics;
@@ -49,6 +51,7 @@ use document::{Complaint, Document, Edit, Problem, ScenarioError, Texts};
 use host::Flight;
 use host::flight::{Clock, Facts};
 use host::realtime::Realtime;
+use renamed::RENAMED;
 use runtime::Graph;
 use shared_types::time::ns_from_s;
 use std::path::Path;
@@ -126,13 +129,13 @@ impl Scenario {
     ) -> Result<Self, ScenarioError> {
         let mut edits: Vec<Edit> = overrides.iter().map(|edit| edit.0.clone()).collect();
         let written = Texts::new(name, text, &edits);
-        let mut document = Document::parse(&written, &edits)?;
+        let mut document = Document::parse(&written, &edits, &RENAMED)?;
         let embedded = embedded::embedded(&document)?;
         let texts;
         if !embedded.is_empty() {
             edits.extend(embedded);
             texts = Texts::new(name, text, &edits);
-            document = Document::parse(&texts, &edits)?;
+            document = Document::parse(&texts, &edits, &RENAMED)?;
             document.remove("pilot", "file");
         }
         let refuse = |problems| ScenarioError::from_problems(problems);
@@ -213,7 +216,9 @@ impl Scenario {
     /// The highest place of what is planned \[m\].
     pub(crate) fn highest_m(&self) -> f64 {
         let planned = self.trajectory().map(|path| path.heights_m(self.flown_of_the_plan_ns())[1]);
-        planned.unwrap_or(0.0).max(self.settings.start.position_w_m[2])
+        // Of an order that is being followed as the flight begins.
+        let ordered = self.settings.start.guidance.order().map(|order| order.position.goal_w_m[2]);
+        [planned, ordered].into_iter().flatten().fold(self.settings.start.position_w_m[2], f64::max)
     }
 
     /// Which part of the pilot's plan is flown: its first and last instant \[ns\].

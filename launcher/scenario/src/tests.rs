@@ -384,7 +384,7 @@ fn a_key_of_before_is_known_by_its_name_of_today_and_no_other_is() {
         ("monitor.enabled", None),
     ];
     for (old, new) in known {
-        assert_eq!(document::renamed(old).as_deref(), new, "{old}");
+        assert_eq!(super::renamed(old).as_deref(), new, "{old}");
     }
 }
 

@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import fcntl
+import functools
 import gc
 import hashlib
 import math
@@ -82,6 +83,28 @@ def configured(path, gains):
     return {**gains, **own}
 
 
+def described(run):
+    """What the launcher has noted of the flight in a run's folder."""
+    return tomllib.loads((run / "flight.toml").read_text())
+
+
+def leave_s(flight):
+    """How long a process stays without a launcher, by the wall clock [s]."""
+    grace_s, landing_s, speed = flight["grace_s"], flight["landing_s"], flight["speed"]
+    if flight["clock"] != "realtime":
+        return min(grace_s, LOCKSTEP_GRACE_S)
+    # Hovering and landing are the position loop's; an attitude loop flies on until that is over.
+    return (grace_s + landing_s) / speed if grace_s > 0.0 else 0.0
+
+
+def leave_s_of(run, flight):
+    """The same now, when a landing may take longer than as the flight began: from where the vehicle has been sent."""
+    try:
+        return leave_s(described(run))
+    except (OSError, KeyError, tomllib.TOMLDecodeError):
+        return leave_s(flight)
+
+
 class Process:
     """A seat of a slot, from joining the run to leaving it."""
 
@@ -102,7 +125,8 @@ class Process:
         types = Types(options.launcher_pid)
         self.slot = options.slot
         try:
-            self.flight = self._described()
+            self.flight = described(options.run)
+            leave_s(self.flight)
             self.is_realtime = self.flight["clock"] == "realtime"
             self.graph = Graph(self.flight, self.slot)
         except (KeyError, tomllib.TOMLDecodeError) as error:
@@ -110,7 +134,8 @@ class Process:
                 f"{options.run}/flight.toml is of another build ({error}): use the controllers that "
                 "came with this morphquad"
             ) from error
-        self._launcher = Launcher(options.run, options.launcher_pid, self._leave_s)
+        watch = functools.partial(leave_s_of, options.run, self.flight)
+        self._launcher = Launcher(options.run, options.launcher_pid, watch)
         if self.slot not in self.graph.rates:
             raise Unfit(f"this flight has no {self.slot} loop: choose another scenario")
         if self.is_realtime:
@@ -349,23 +374,6 @@ class Process:
     def is_stopped(self):
         """True once a signal has asked for the end."""
         return self._stop
-
-    def _described(self):
-        """What the launcher has noted of the flight."""
-        return tomllib.loads((self.options.run / "flight.toml").read_text())
-
-    def _leave_s(self):
-        """How long this process stays without a launcher, by the wall clock [s]."""
-        grace_s = self.flight["grace_s"]
-        if not self.is_realtime:
-            return min(grace_s, LOCKSTEP_GRACE_S)
-        # Hovering and landing are the position loop's; this one flies on until that is over.
-        try:
-            # From where the vehicle has been sent meanwhile a landing may take longer.
-            landing_s = self._described()["landing_s"]
-        except (OSError, tomllib.TOMLDecodeError):
-            landing_s = self.flight["landing_s"]
-        return (grace_s + landing_s) / self.flight["speed"] if grace_s > 0.0 else 0.0
 
     def ending(self):
         """The exit code if it is time to leave, else None."""

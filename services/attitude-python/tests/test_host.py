@@ -21,7 +21,7 @@ from host.launcher import Launcher, process_start  # noqa: E402
 from host.arbiter import Command, CommandArbiter, Limiter, Record, SetPoints  # noqa: E402
 from host.ownership import FOREVER, SeatMarks, SlotBook  # noqa: E402
 from host.ports import Unfit  # noqa: E402
-from host.process import configured  # noqa: E402
+from host.process import configured, leave_s, leave_s_of  # noqa: E402
 from host.vehicle import Vehicle  # noqa: E402
 
 MS = 1_000_000
@@ -69,6 +69,24 @@ def await_that(done):
 
 
 class LauncherRules(unittest.TestCase):
+    def test_grace_and_landing_are_times_of_the_flight(self):
+        flight = {"clock": "realtime", "grace_s": 3.0, "landing_s": 4.5, "speed": 0.5}
+        self.assertEqual(leave_s(flight), 15.0)
+        self.assertEqual(leave_s(flight | {"grace_s": 0.0}), 0.0)
+        self.assertEqual(leave_s(flight | {"clock": "lockstep"}), 2.0)
+        self.assertEqual(leave_s(flight | {"clock": "lockstep", "grace_s": 1.0}), 1.0)
+
+    def test_what_the_launcher_has_noted_last_counts_and_without_it_what_it_noted_first(self):
+        flight = {"clock": "realtime", "grace_s": 3.0, "landing_s": 4.5, "speed": 1.0}
+        with tempfile.TemporaryDirectory() as folder:
+            run = pathlib.Path(folder)
+            self.assertEqual(leave_s_of(run, flight), 7.5)
+            text = 'clock = "realtime"\ngrace_s = 3.0\nlanding_s = 9.0\nspeed = 1.0\n'
+            (run / "flight.toml").write_text(text)
+            self.assertEqual(leave_s_of(run, flight), 12.0)
+            (run / "flight.toml").write_text('clock = "realtime"\ngrace_s = 3.0\n')
+            self.assertEqual(leave_s_of(run, flight), 7.5)
+
     def test_the_next_launcher_is_followed_and_the_dead_one_is_not_taken_for_it(self):
         first, second = idler(), idler()
         with tempfile.TemporaryDirectory() as folder:

@@ -13,7 +13,7 @@ pub struct PlaceArguments {
     /// How many processes have had the seat before
     #[arg(long, value_name = "N")]
     pub generation: u32,
-    /// Process to outlive by the grace period at most
+    /// Process to outlive by grace and landing at most
     #[arg(long, value_name = "PID")]
     pub launcher_pid: u32,
     /// Which of the role's seats to take

@@ -126,13 +126,13 @@ fn of_launcher(
         // With the death it was told when that will be.
         LauncherNews::Abandoned => return None,
         LauncherNews::Died if !realtime => format!(
-            "the launcher of run {run} died; its time stands still, and all leave in {leave_s} s"
+            "the launcher of run {run} died; its time stands still, and all leave in {leave_s:.1} s"
         ),
         LauncherNews::Died if grace_s <= 0.0 => {
             format!("the launcher of run {run} died; all leave at once")
         }
         LauncherNews::Died => format!(
-            "the launcher of run {run} died; the vehicle hovers for {grace_s} s, which `morphquad adopt {run}` has to go on, then it lands, and all leave in {leave_s} s"
+            "the launcher of run {run} died; the vehicle hovers for {grace_s:.1} s, which `morphquad adopt {run}` has to go on, then it lands, and all leave in {leave_s:.1} s"
         ),
     })
 }

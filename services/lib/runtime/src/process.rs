@@ -45,7 +45,7 @@ pub enum Ending {
     Finished,
     /// A signal asked for it.
     Signalled,
-    /// The launcher died and no other took over within the grace period.
+    /// The launcher died and no other took over in time.
     LauncherGone,
     /// Its seat was given up.
     Retired,

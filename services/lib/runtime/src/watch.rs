@@ -26,7 +26,7 @@ pub enum LauncherNews {
         /// Its process.
         pid: u32,
     },
-    /// None has taken over within the grace period: this process leaves.
+    /// None has taken over in time: this process leaves.
     Abandoned,
 }
 
@@ -47,8 +47,8 @@ impl Watched {
 }
 
 /// Waits for another launcher than the one that has died.
-fn await_successor(folder: &Path, dead: Leader, grace_s: f64) -> Option<Watched> {
-    let deadline_ns = mono_now_ns().saturating_add(ns_from_s(grace_s));
+fn await_successor(folder: &Path, dead: Leader, limit_s: f64) -> Option<Watched> {
+    let deadline_ns = mono_now_ns().saturating_add(ns_from_s(limit_s));
     loop {
         let named = Leader::of_run(folder).filter(|leader| *leader != dead);
         let found = named.and_then(|leader| {
@@ -117,8 +117,8 @@ impl StopFlags {
         loop {
             while !readable(&launcher.pidfd, None) {}
             self.launcher_gone.store(true, Ordering::Release);
-            let grace_s = tell(LauncherNews::Died).clamp(0.0, 1e6);
-            let Some(successor) = await_successor(folder, launcher.leader, grace_s) else {
+            let limit_s = tell(LauncherNews::Died).clamp(0.0, 1e6);
+            let Some(successor) = await_successor(folder, launcher.leader, limit_s) else {
                 self.grace_over.store(true, Ordering::Release);
                 tell(LauncherNews::Abandoned);
                 return;
@@ -208,11 +208,11 @@ mod tests {
         let heard = Arc::new(Mutex::new(Vec::new()));
         let (first, second) = (idler(), idler());
         let flags = StopFlags::default();
-        let tell = |grace_s| {
+        let tell = |limit_s| {
             let heard = Arc::clone(&heard);
             move |news| {
                 heard.lock().unwrap().push(news);
-                grace_s
+                limit_s
             }
         };
         // However late this thread names the successor, it is in time.
