@@ -196,15 +196,10 @@ impl Supervisor {
         for index in 0..self.posts.len() {
             self.reap_exited(bus, index, keeps, tap, now_ns)?;
             let is_due = self.posts[index].restart_at_ns.is_some_and(|at| now_ns >= at);
-            if is_due && let Some(room) = self.room_for_restart(index, now_ns) {
-                let post = &mut self.posts[index];
-                post.restart_at_ns = None;
-                let has_state = own_state(post, tap).is_some();
-                post.generation += 1;
-                // Without a state a process begins with the flight, or now if that is long ago.
-                let in_flight = has_state || !post.goes_on || self.wall.is_some();
-                let seat = post.seat;
-                match room.and_then(|()| start(post, &self.folder, in_flight)) {
+            let has_state = is_due && own_state(&self.posts[index], tap).is_some();
+            if is_due && let Some(started) = self.start_again(index, has_state, now_ns) {
+                let seat = self.posts[index].seat;
+                match started {
                     Err(error) if seat.role.is_slot() => {
                         // Its file is gone, or no process can be had: who commands now is for the slot to say.
                         self.leave_registry(seat, tap);
@@ -237,6 +232,22 @@ impl Supervisor {
         }
         self.serve_late_joiners();
         Ok(())
+    }
+
+    /// Starts a process that is due; none as long as there is no room for it.
+    fn start_again(
+        &mut self,
+        index: usize,
+        has_state: bool,
+        now_ns: u64,
+    ) -> Option<Result<(), FlightError>> {
+        let room = self.room_for_restart(index, now_ns)?;
+        let post = &mut self.posts[index];
+        post.restart_at_ns = None;
+        post.generation += 1;
+        // Without a state a process begins with the flight, or now if that is long ago.
+        let in_flight = has_state || !post.goes_on || self.wall.is_some();
+        Some(room.and_then(|()| start(post, &self.folder, in_flight)))
     }
 
     /// What has happened in the slots since the last time.

@@ -204,9 +204,9 @@ impl Flight {
         let takes_all = takes_all_memory(scenario);
         let policy = restart_policy(scenario, takes_all);
         let give_up_ns = mono_now_ns() + SWEEP_LIMIT_NS;
-        // Services admit only so many readers and writers: the dead launcher's have to be swept away first.
-        let supervisor = loop {
-            bus.sweep_dead_processes(&mut || ());
+        // Services admit only so many readers and writers: as a rule there is room beside the dead launcher's, and if
+        // there is none they have to be swept away first.
+        let mut supervisor = loop {
             let checkpoint_writer = CheckpointWriter::new(folder, of.clone(), &checkpoint.clock.0);
             let found = Supervisor::take_over(
                 &bus,
@@ -217,10 +217,15 @@ impl Flight {
                 checkpoint_writer,
             );
             match found {
-                Err(_) if mono_now_ns() < give_up_ns => sleep_until(mono_now_ns() + 20_000_000),
+                Err(_) if mono_now_ns() < give_up_ns => {
+                    bus.sweep_dead_processes(&mut || ());
+                    sleep_until(mono_now_ns() + 20_000_000);
+                }
                 found => break found?,
             }
         };
+        supervisor.start_gone(mono_now_ns());
+        bus.sweep_dead_processes(&mut || ());
         let startup_ns =
             shared_types::time::ns_from_s(scenario.settings().launcher.startup_timeout_s);
         let slots = Slots::none_yet(&checkpoint.posts, scenario, startup_ns);
@@ -265,7 +270,7 @@ impl Flight {
         self.to_tell.skip_before(self.begun.0);
         self.orders.go_on(&checkpoint.guidance.0, &checkpoint.disturbance.0);
         self.conductor.say_again();
-        let led = self.supervisor.go_on(checkpoint, &mut self.tap, now_ns);
+        let led = self.supervisor.go_on(checkpoint, &mut self.tap);
         led.map_err(|error| error.to_string())?;
         let pilot = pilot_thread::start(
             options.scenario.clone(),

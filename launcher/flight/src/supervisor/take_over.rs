@@ -4,6 +4,7 @@ use super::deaths::PLANT_GONE;
 use super::{Notice, RestartPolicy, Supervisor};
 use crate::checkpoint::{Checkpoint, CheckpointWriter};
 use crate::tap::Tap;
+use runtime::SeatMarks;
 use runtime::clock::WallMap;
 use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
 use shared_types::{ClockRecord, Hello, OwnerRecord, Role, Seat};
@@ -40,6 +41,13 @@ impl Supervisor {
             recovered: 0,
             awaits_room_ns: None,
         };
+        // What is noted from here on must hold for the next launcher, should this one die.
+        for slot in &mut supervisor.slots {
+            if let Some(record) = record_of(checkpoint, slot.role) {
+                slot.take(*record, &mut SeatMarks::default());
+            }
+        }
+        supervisor.orders.go_on(&checkpoint.guidance.0, &checkpoint.disturbance.0);
         let entries: Vec<_> = checkpoint.registry.iter().map(|entry| entry.0).collect();
         supervisor.registry.go_on(&entries);
         supervisor.registry.leave(Seat::first(Role::Pilot));
@@ -51,8 +59,39 @@ impl Supervisor {
         Ok(supervisor)
     }
 
-    /// Says again who sits where and who commands, as the launcher before has said it last; a process
-    /// that was not in a slot and is gone is started again.
+    /// Starts a process again that was not in a slot and is gone, before anything that it does not need: meanwhile the
+    /// vehicle flies without it.
+    pub(crate) fn start_gone(&mut self, now_ns: u64) {
+        if self.is_plant_gone() {
+            return;
+        }
+        // A launcher after this one must take no generation that was started here for one of its own.
+        self.note();
+        for index in 0..self.posts.len() {
+            let post = &mut self.posts[index];
+            if post.child.is_some() || post.finished || post.seat.role.seats() > 1 {
+                continue;
+            }
+            let source = post.spec.name.clone();
+            let text = format!(
+                "{source} has died while the flight had no launcher: starting it anew, without its state"
+            );
+            self.notices.push(Notice { source, text });
+            self.recovered += 1;
+            if let Some(Err(_)) = self.start_again(index, false, now_ns) {
+                // It is tried again as any other, and then told why it cannot be.
+                self.posts[index].restart_at_ns = Some(now_ns);
+            }
+            self.note();
+        }
+    }
+
+    fn is_plant_gone(&self) -> bool {
+        let mut plant = self.posts.iter().filter(|post| post.seat.role == Role::Plant);
+        plant.any(|post| post.child.is_none() && !post.finished)
+    }
+
+    /// Says again who sits where and who commands, as the launcher before has said it last.
     ///
     /// # Errors
     /// Nothing is left to fly.
@@ -60,38 +99,22 @@ impl Supervisor {
         &mut self,
         checkpoint: &Checkpoint,
         tap: &mut Tap,
-        now_ns: u64,
     ) -> Result<(), FlightError> {
         self.registry.publish();
         tap.marks.learn_registry(self.registry.entries());
         for slot in &mut self.slots {
-            let of_slot = |record: &&OwnerRecord| record.slot == slot.role;
-            if let Some(record) = checkpoint.owners.iter().map(|r| &r.0).find(of_slot) {
+            if let Some(record) = record_of(checkpoint, slot.role) {
                 slot.take(*record, &mut tap.marks);
                 slot.publish();
             }
         }
-        self.orders.go_on(&checkpoint.guidance.0, &checkpoint.disturbance.0);
-        let dead = |post: &&mut Post| post.child.is_none() && !post.finished;
-        for post in self.posts.iter_mut().filter(dead) {
-            if post.seat.role == Role::Plant {
-                return Err(FlightError::Lost {
-                    name: post.spec.name.clone(),
-                    how: "died while the flight had no launcher".to_owned(),
-                    words: String::new(),
-                    reason: PLANT_GONE.to_owned(),
-                });
-            }
-            if post.seat.role.seats() == 1 {
-                post.restart_at_ns = Some(now_ns);
-                self.recovered += 1;
-                let text = format!(
-                    "{} has died while the flight had no launcher: starting it anew, without its state",
-                    post.spec.name
-                );
-                let source = post.spec.name.clone();
-                self.notices.push(Notice { source, text });
-            }
+        if self.is_plant_gone() {
+            return Err(FlightError::Lost {
+                name: Role::Plant.label().to_owned(),
+                how: "died while the flight had no launcher".to_owned(),
+                words: String::new(),
+                reason: PLANT_GONE.to_owned(),
+            });
         }
         self.note();
         Ok(())
@@ -139,6 +162,11 @@ impl Supervisor {
             self.notices.push(Notice { source: "launcher".to_owned(), text });
         }
     }
+}
+
+/// What was said last of who owns a slot.
+fn record_of(checkpoint: &Checkpoint, slot: Role) -> Option<&OwnerRecord> {
+    checkpoint.owners.iter().map(|record| &record.0).find(|record| record.slot == slot)
 }
 
 fn taken_over(bus: &Bus, note: &PostNote) -> Result<Post, PortError> {
