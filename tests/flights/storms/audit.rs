@@ -53,6 +53,7 @@ const WRITER: [&str; 3] = ["header.seat", "header.generation", "header.sequence"
 pub(super) fn findings(recording: &Recording) -> Vec<String> {
     let command = [&WRITER[..], &["validity_ns"]].concat();
     let tick = ["mode", "command_seat", "command_sequence", "failed_over", "header.release_ns"];
+    let tick = [&tick[..], &["refused_epoch"]].concat();
     let tick = [&WRITER[..], &tick].concat();
     let [truth, reference, records, commands, ticks, set_points, imu, estimates, asked] = recording
         .several([
@@ -107,9 +108,12 @@ fn moved_as_it_should(flight: &Flight) -> Vec<String> {
 /// Each tick with a command in effect had it from a writer that was the owner, or the fallback in its turn, by the record
 /// in effect at the command's own instant.
 fn commanded_by_owners(flight: &Flight) -> Vec<String> {
+    // A record that reaches the plant after its instant has come counts for nothing: the next one is for a later instant.
+    let refused = flight.ticks.iter().map(|tick| tick.values[8].to_bits()).collect::<BTreeSet<_>>();
     let mut records: Vec<(f64, Record)> = flight
         .records
         .iter()
+        .filter(|row| !refused.contains(&row.values[0].to_bits()))
         .map(|row| {
             let [epoch, owner, fallback] = row.values[..] else { panic!("{row:?}") };
             (epoch, Record { from_s: row.t_s, owner, fallback })
@@ -124,7 +128,7 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
     // until when it is.
     let mut in_effect: Option<([u64; 2], f64, f64)> = None;
     for row in &flight.ticks {
-        let [_, _, _, mode, seat, sequence, failed_over, release_ns] = row.values[..] else {
+        let [_, _, _, mode, seat, sequence, failed_over, release_ns, _] = row.values[..] else {
             panic!("{row:?}")
         };
         let t_s = release_ns * 1e-9;
