@@ -159,6 +159,46 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
     assert_nothing_left(&run);
 }
 
+/// Of a launcher that dies as it takes over, the process that it has started is ended by the next one, which tells the
+/// flight of one of its own.
+#[test]
+fn what_dies_without_a_launcher_is_started_once_however_many_take_over() {
+    let running = slowly(&["--for", "60s"]);
+    let run = running.id().to_owned();
+    running.kill_launcher();
+    let mut gone = vec![running.signal("estimator", Signal::KILL)];
+    let started = |gone: &[u32]| {
+        let estimators =
+            || processes_of(&run).into_iter().filter(|p| p.arguments[0] == "estimator");
+        wait_for("a new estimator", || {
+            let pids: Vec<u32> =
+                estimators().map(|p| p.pid).filter(|p| !gone.contains(p)).collect();
+            if let [pid] = pids[..] { Ok(pid) } else { Err(format!("{pids:?}")) }
+        })
+    };
+    let mut first = Adopter::start(&run);
+    gone.push(started(&gone));
+    first.0.kill().expect("it leads");
+    first.0.wait().expect("it ends");
+    let adopter = Adopter::start(&run);
+    let flown_s = || ps(&run).and_then(|status| status["flown_s"].as_f64()).unwrap_or(0.0);
+    let pid = started(&gone);
+    let runs = || -> Option<bool> {
+        let status = ps(&run)?;
+        let mut processes = status["processes"].as_array()?.iter();
+        Some(processes.find(|p| p["pid"] == pid)?["state"] == "running")
+    };
+    wait_until("it runs", || runs() == Some(true));
+    let ran_s = flown_s();
+    wait_until("every loop flies on", || flown_s() > ran_s + 0.05);
+    assert_eq!((started(&gone), runs()), (pid, Some(true)));
+    assert!(kill(adopter.0.id(), Signal::INT));
+    let (code, summary, said) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {said}");
+    assert!(said.contains("estimator has died while the flight had no launcher"), "{said}");
+    assert_nothing_left(&run);
+}
+
 #[test]
 fn a_process_that_writes_in_the_place_of_a_dead_launcher_is_not_followed() {
     // After it has written for a while, and while it frees what the dead launcher has left.
