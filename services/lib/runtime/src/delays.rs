@@ -143,3 +143,106 @@ impl<M: MarkView> MarkView for DelayedMarks<'_, M> {
         self.marks.of_role(role)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::{Graph, Marks, MissPolicy, Node};
+    use crate::rate::Rate;
+    use shared_types::{Header, Imu, topics};
+    use timing::{Duration, SampleEffect, SampleEntry, Window};
+
+    const MS: u64 = 1_000_000;
+    const READER: Seat = Seat::first(Role::Estimator);
+
+    /// What has been sent, by release and instant of publication \[ms\].
+    struct Sent(VecDeque<Imu>);
+
+    impl Sent {
+        fn of(releases_ms: &[(u64, u64)]) -> Self {
+            let imu = |(&(release_ms, publish_ms), sequence)| {
+                let (release_ns, publish_mono_ns) = (release_ms * MS, publish_ms * MS);
+                let header = Header { sequence, release_ns, publish_mono_ns, ..Header::default() };
+                Imu { header, ..Imu::default() }
+            };
+            Self(releases_ms.iter().zip(0..).map(imu).collect())
+        }
+    }
+
+    impl Source<Imu> for Sent {
+        fn receive(&mut self) -> Option<Imu> {
+            self.0.pop_front()
+        }
+    }
+
+    /// From one release to right before another \[ms\], what happens to its samples.
+    type Entry = (u64, u64, SampleEffect);
+
+    fn delayed(entries: &[Entry], sent: Sent) -> (Rc<Delays>, Box<dyn Source<Imu>>) {
+        let topic = topics::IMU.info.name;
+        let entry = |(from_ms, until_ms, effect): &Entry| SampleEntry {
+            topic: topic.to_owned(),
+            window: Window { from_ns: from_ms * MS, until_ns: until_ms * MS },
+            effect: effect.clone(),
+        };
+        let script = Script::new(7, Vec::new(), entries.iter().map(entry).collect());
+        let delays = Rc::new(Delays::new(Rc::new(script)));
+        let source = delays.delay((READER, topic), sent);
+        (delays, source)
+    }
+
+    fn late(ms: u64) -> SampleEffect {
+        SampleEffect::Late(Duration::Fixed(ms * MS))
+    }
+
+    /// Sequences of what has arrived by an instant \[ms\].
+    fn arrived(delays: &Delays, source: &mut dyn Source<Imu>, at_ms: u64) -> Vec<u64> {
+        delays.move_to(at_ms * MS);
+        std::iter::from_fn(|| source.receive()).map(|imu| imu.header.sequence).collect()
+    }
+
+    #[test]
+    fn samples_come_in_the_order_of_their_arrival_and_at_one_instant_as_they_were_sent() {
+        let sent = Sent::of(&[(0, 0), (1, 1), (2, 2), (5, 5)]);
+        let (delays, mut source) = delayed(&[(0, 1, late(5)), (2, 3, late(1))], sent);
+        assert_eq!(arrived(&delays, &mut *source, 0), []);
+        assert_eq!(delays.next_arrival_mono_ns(READER), Some(MS));
+        assert_eq!(delays.next_arrival_mono_ns(Seat::first(Role::Monitor)), None);
+        assert_eq!(arrived(&delays, &mut *source, 2), [1]);
+        assert_eq!(arrived(&delays, &mut *source, 4), [2]);
+        assert_eq!(arrived(&delays, &mut *source, 5), [0, 3]);
+        assert_eq!(delays.next_arrival_mono_ns(READER), None);
+    }
+
+    #[test]
+    fn what_is_lost_never_comes_and_what_is_doubled_comes_twice() {
+        let sent = Sent::of(&[(0, 0), (1, 1), (2, 2)]);
+        let entries = [(0, 1, SampleEffect::Lost), (1, 2, SampleEffect::Duplicated)];
+        let (delays, mut source) = delayed(&entries, sent);
+        assert_eq!(arrived(&delays, &mut *source, 9), [1, 1, 2]);
+    }
+
+    #[test]
+    fn a_mark_promises_no_sample_that_is_still_on_the_way() {
+        let node = |role| Node {
+            role,
+            rate: Rate::from_hz(1000.0).unwrap(),
+            lead_ns: 0,
+            input_deadline_ns: MS,
+            miss_policy: MissPolicy::CatchUp,
+        };
+        let graph = Graph::new(vec![node(Role::Plant), node(Role::Estimator)], &|_| 0).unwrap();
+        let edge = graph.edges().iter().find(|edge| edge.topic.name == topics::IMU.info.name);
+        let mut marks = Marks::default();
+        marks[Role::Plant.index()] = 8 * MS;
+        let sent = Sent::of(&[(0, 0), (1, 1), (2, 2)]);
+        let entries = [(1, 2, SampleEffect::Duplicated), (1, 3, late(4))];
+        let (delays, mut source) = delayed(&entries, sent);
+        let seen_ms = |at_ms: u64, source: &mut dyn Source<Imu>| {
+            let _ = arrived(&delays, source, at_ms);
+            let marks = DelayedMarks { marks: &marks, delays: &delays, reader: READER };
+            marks.of(edge.expect("it reads the IMU")) / MS
+        };
+        assert_eq!([0, 4, 5, 6].map(|at_ms| seen_ms(at_ms, &mut *source)), [1, 1, 2, 8]);
+    }
+}

@@ -60,6 +60,15 @@ fn entries_of_one_kind_that_overlap_add_up() {
 }
 
 #[test]
+fn a_wake_up_that_is_lost_begins_nothing() {
+    let late = LoopEffect::StartLate(Duration::Fixed(3));
+    let script =
+        of_loops(vec![entry(window(5, 10), LoopEffect::WakeMissed), entry(window(0, 20), late)]);
+    let woken = [4, 5, 9, 10].map(|at_ns| script.woken_ns(WHO, at_ns, 0));
+    assert_eq!(woken, [Some(7), None, None, Some(13)]);
+}
+
+#[test]
 fn a_sample_is_late_lost_or_doubled_by_its_release() {
     let samples = vec![
         SampleEntry {
@@ -78,13 +87,18 @@ fn a_sample_is_late_lost_or_doubled_by_its_release() {
             effect: SampleEffect::Duplicated,
         },
         SampleEntry { topic: "imu".to_owned(), window: window(18, 19), effect: SampleEffect::Lost },
+        SampleEntry {
+            topic: "imu".to_owned(),
+            window: window(19, 20),
+            effect: SampleEffect::Late(Duration::Fixed(5)),
+        },
     ];
     let script = Script::new(1, Vec::new(), samples);
-    let arrivals = [9, 10, 15, 16, 18, 20].map(|release_ns| {
+    let arrivals = [9, 10, 15, 16, 18, 19, 20].map(|release_ns| {
         let Arrival { delay_ns, copies } = script.arrival("imu", &sample(release_ns));
         (delay_ns, copies)
     });
-    assert_eq!(arrivals, [(0, 1), (7, 1), (7, 2), (7, 3), (7, 0), (0, 1)]);
+    assert_eq!(arrivals, [(0, 1), (7, 1), (7, 2), (7, 3), (7, 0), (12, 1), (0, 1)]);
     assert_eq!(script.arrival("pose_fix", &sample(15)), Arrival { delay_ns: 0, copies: 1 });
 }
 
