@@ -17,8 +17,9 @@ use std::time::Duration;
 
 /// How long it may take to be there.
 const READY_LIMIT: Duration = Duration::from_secs(10);
-/// How long it may take to leave once the flight is over \[ns\].
-const LEAVE_LIMIT_NS: u64 = 22_000_000_000;
+/// How long it may take to leave once the flight is over \[ns\]: a page that goes on asking has a minute to fetch the end,
+/// and then its connection some seconds to close.
+const LEAVE_LIMIT_NS: u64 = 70_000_000_000;
 /// How often to look whether it has left \[ns\].
 const LOOK_EVERY_NS: u64 = 5_000_000;
 /// What it says of each address, and how many there are.
