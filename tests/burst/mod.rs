@@ -15,7 +15,7 @@ use shared_types::wire::Value as _;
 use shared_types::{Edge, Header, Registry, Role, Sample, Seat, Topic};
 use simulate::alone::{End, Ended, sum_up};
 use simulate::in_process::{Conclusion, InProcess, StateSource};
-use simulate::setup::{RunError, RunOptions, facts, recording_path, require_shared_memory, system};
+use simulate::setup::{RunError, RunOptions, facts, recording_path, system};
 use simulate::{Sinks, Summary};
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -228,7 +228,7 @@ impl Burst {
     /// launcher drains; `id` names a run of its own. A process can do this once, as its first use of
     /// the transport.
     pub(crate) fn prepare(options: RunOptions, id: &str) -> Result<Self, RunError> {
-        require_shared_memory(scenario::needs::SHARED_MEMORY_MB)?;
+        scenario::needs::MemoryNeed::LOCKSTEP.look(0).map_err(RunError::from)?;
         let not_ready =
             |error: simulate::in_process::InProcessError| RunError::NotReady(error.to_string());
         let scenario = &options.scenario;

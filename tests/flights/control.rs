@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
 use tempfile::TempDir;
 
 /// A command that has ended.
@@ -225,115 +225,6 @@ fn a_launcher_in_a_pid_namespace_of_its_own_follows_orders_from_outside() {
     let said = say(&["stop", "--run", &id]);
     assert_eq!(said.code, Some(0), "{}", said.diagnostics);
     assert_eq!(launcher.wait().expect("it ends").code(), Some(130));
-}
-
-/// Writes into a file until a tmpfs has only so much room left \[bytes\].
-fn fill(file: &Path, left: u64) {
-    let mut filler =
-        std::fs::File::create(file).expect("shared memory of the launcher's namespace");
-    let block = vec![1; 1 << 20];
-    loop {
-        let stat = rustix::fs::statvfs(file).expect("its file system");
-        if stat.f_bavail * stat.f_frsize < left + block.len() as u64 {
-            return;
-        }
-        filler.write_all(&block).expect("room for a block");
-    }
-}
-
-/// A launcher with shared memory of its own.
-struct Apart {
-    launcher: Child,
-    pid: String,
-    _recordings: TempDir,
-}
-
-impl Apart {
-    /// Begins a flight where `/dev/shm` has so many megabytes; none where that is not permitted.
-    fn fly(size_mb: u64, flight: &str) -> Option<Self> {
-        let unshare = |command: &str| {
-            let mut unshare = Command::new("unshare");
-            unshare
-                .args(["--mount", "sh", "-c", command])
-                .stdout(Stdio::null())
-                .stderr(Stdio::null());
-            unshare
-        };
-        let own = format!("mount -t tmpfs -o size={size_mb}m tmpfs /dev/shm");
-        if !unshare(&own).status().is_ok_and(|status| status.success()) {
-            return None;
-        }
-        let recordings = TempDir::new().expect("a folder for the recording");
-        let (executable, folder) = (env!("CARGO_BIN_EXE_morphquad"), recordings.path().display());
-        let fly = format!("{own} && exec '{executable}' run {flight} --record '{folder}'");
-        let launcher = unshare(&fly).spawn().expect("a launcher");
-        let pid = launcher.id().to_string();
-        Some(Self { launcher, pid, _recordings: recordings })
-    }
-
-    fn inside(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::new("nsenter");
-        command.args(["--target", &self.pid, "--mount", env!("CARGO_BIN_EXE_morphquad")]);
-        command.args(arguments).output().expect("a command in the launcher's namespace")
-    }
-
-    fn wait_until_flown(&mut self, until_s: f64) {
-        wait_until("it flies", || {
-            assert_eq!(self.launcher.try_wait().expect("a child"), None, "it has ended");
-            let status = self.inside(&["ps", "--format", "json"]).stdout;
-            let status = serde_json::from_slice::<Value>(&status).unwrap_or_default();
-            status["flown_s"].as_f64().is_some_and(|flown_s| flown_s > until_s)
-        });
-    }
-
-    fn shared_memory(&self) -> PathBuf {
-        Path::new("/proc").join(&self.pid).join("root/dev/shm")
-    }
-
-    /// Takes all of its shared memory but so much.
-    fn fill(&self, left: u64) -> PathBuf {
-        let filler = self.shared_memory().join("filler");
-        fill(&filler, left);
-        filler
-    }
-
-    /// Ends the flight, which must have been running.
-    fn stop(mut self) {
-        assert!(self.inside(&["stop"]).status.success());
-        assert_eq!(self.launcher.wait().expect("it ends").code(), Some(130));
-    }
-}
-
-/// A process that joins, and those that it talks to, would die of SIGBUS as soon as they touch memory that is not there.
-#[test]
-fn no_process_is_started_in_flight_where_shared_memory_is_short() {
-    let Some(mut flight) = Apart::fly(165, "hover --for 600s --speed 1") else { return };
-    flight.wait_until_flown(0.5);
-    let filler = flight.fill(4 << 20);
-    let swap = flight.inside(&["swap", "attitude", "--to", "attitude-pid"]);
-    let said = String::from_utf8_lossy(&swap.stderr).replace(['│', '\n'], " ");
-    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert_ne!(swap.status.code(), Some(0), "{said}");
-    assert!(said.contains("is not started: /dev/shm has"), "{said}");
-    std::fs::remove_file(&filler).expect("our own file");
-    let swap = flight.inside(&["swap", "attitude", "--to", "attitude-pid", "--no-rehearsal"]);
-    let said = String::from_utf8_lossy(&swap.stderr);
-    assert_eq!(swap.status.code(), Some(0), "{said}");
-    flight.stop();
-}
-
-/// Its rings go on being filled for two seconds, so that it writes to memory that it has not touched before.
-#[test]
-fn a_realtime_flight_without_locked_memory_goes_on_where_all_of_it_is_taken() {
-    let flight = "hover --clock realtime --for 600s --set realtime.lock_memory=false";
-    let Some(mut flight) = Apart::fly(600, flight) else { return };
-    flight.wait_until_flown(0.1);
-    let stat = rustix::fs::statvfs(flight.shared_memory()).expect("its file system");
-    let taken_mb = ((stat.f_blocks - stat.f_bfree) * stat.f_frsize) >> 20;
-    assert!(taken_mb > 200, "{taken_mb} MB are reserved");
-    flight.fill(1 << 20);
-    flight.wait_until_flown(4.0);
-    flight.stop();
 }
 
 #[test]

@@ -21,6 +21,7 @@ mod late_owners;
 mod live;
 mod lives;
 mod lockstep;
+mod memory;
 mod orders;
 mod paper;
 mod processes;

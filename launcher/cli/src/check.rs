@@ -6,6 +6,7 @@ use host::realtime::may_lock_memory;
 use monitor::Limits;
 use monitor::settings::Fallback;
 use runtime::{Graph, MissPolicy, Node};
+use scenario::needs::MemoryNeed;
 use scenario::services::{self, Assignment};
 use scenario::settings::{Clock, FaultSettings, ScenarioSettings, StandbySettings, SwapSettings};
 use scenario::{self, Scenario, needs};
@@ -162,11 +163,11 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
         }
         None => writeln!(out, "flight  {manoeuvre}")?,
     }
-    let (shared_mb, files) =
-        (needs::shared_memory_mb(settings, may_lock_memory()), needs::DESCRIPTORS);
+    let MemoryNeed { shared_mb, own_mb } = MemoryNeed::of_flight(settings, may_lock_memory());
+    let files = needs::DESCRIPTORS;
     writeln!(
         out,
-        "needs   {shared_mb} MB of shared memory, {files} file descriptors, {} processes and threads; \
+        "needs   {shared_mb} MB of shared memory and {own_mb} MB beside it, {files} file descriptors, {} processes and threads; \
          `morphquad doctor` tells whether they can be had here",
         needs::TASKS
     )?;

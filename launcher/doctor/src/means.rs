@@ -1,11 +1,8 @@
 //! What a flight may have of the machine: memory, processor time, by the files that tell it.
 
 use super::{Finding, Machine};
+use scenario::needs::{Available, MemoryNeed};
 
-/// Free memory below which flights get into trouble \[kB\].
-const MIN_MEMORY_KB: u64 = 200 * 1024;
-/// Free memory that leaves room for recordings' pages \[kB\].
-const ENOUGH_MEMORY_KB: u64 = 512 * 1024;
 /// Share of time that a host may take away before loops feel it \[%\].
 const STEAL_PERCENT: f64 = 1.0;
 
@@ -22,18 +19,17 @@ pub(super) fn swap(machine: &Machine) -> Finding {
 
 pub(super) fn memory(machine: &Machine) -> Finding {
     let name = "memory";
-    let info = machine.read("proc/meminfo").unwrap_or_default();
-    let line = info.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
-    let available = line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok());
-    let Some(available) = available else {
+    let Some(Available { mb, by }) = Available::below(&machine.root) else {
         return Finding::warn(name, "unknown", "mount /proc");
     };
-    let found = format!("{} MB available", available >> 10);
-    let remedy = "end other programs";
-    if available < MIN_MEMORY_KB {
+    let need = MemoryNeed::LOCKSTEP;
+    let flight_mb = need.shared_mb + need.own_mb;
+    let found = format!("{mb} MB available by {}; a flight may need {flight_mb} MB", by.display());
+    let remedy = "end other programs, or raise the limit, as by `--memory` of a container";
+    if mb < flight_mb {
         return Finding::fail(name, found, remedy);
     }
-    Finding::warn_if(available < ENOUGH_MEMORY_KB, name, found, remedy)
+    Finding::warn_if(mb < 2 * flight_mb, name, found, remedy)
 }
 
 /// Folder of this process's group in one of the kernel's two hierarchies.

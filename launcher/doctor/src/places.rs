@@ -43,8 +43,7 @@ fn size() -> Finding {
 }
 
 fn free() -> Finding {
-    let stat = statvfs(BASE).map(|stat| stat.f_bavail.saturating_mul(stat.f_frsize) >> 20);
-    let mb = stat.unwrap_or(0);
+    let mb = needs::free_shared_memory_mb().unwrap_or(0);
     let (lockstep_mb, realtime_mb) = (needs::SHARED_MEMORY_MB, needs::LOCKED_MEMORY_MB);
     let found = format!(
         "{mb} MB free; a flight may need {lockstep_mb} MB, and in realtime with its memory locked or reserved {realtime_mb} MB"

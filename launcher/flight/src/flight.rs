@@ -35,14 +35,14 @@ use runtime::ipc::{Bus, LatestPort};
 use runtime::namespace::{Membership, Reservation, sweep_dead_runs};
 use runtime::watch::StopFlags;
 use runtime::{Graph, MarkView as _};
-use scenario::needs::shared_memory_mb;
+use scenario::needs::MemoryNeed;
 use scenario::orders::Planner;
 use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, ClockRecord, Role, Seat};
 use simulate::Summary;
 use simulate::setup::{
     RunError, RunOptions, Unflown, clock_of, facts, pinned_cpu, require_descriptors,
-    require_own_proc, require_processor, require_shared_memory, require_tasks, run_id, system,
+    require_own_proc, require_processor, require_tasks, run_id, system,
 };
 use slot::supervisor::Now;
 use std::thread::JoinHandle;
@@ -106,7 +106,8 @@ fn fly(
     }
     require_own_proc()?;
     require_processor(options.pin)?;
-    require_shared_memory(shared_memory_mb(options.scenario.settings(), may_lock_memory()))?;
+    let need = MemoryNeed::of_flight(options.scenario.settings(), may_lock_memory());
+    need.look(0).map_err(RunError::from)?;
     require_descriptors()?;
     require_tasks()?;
     let described = Described::flight(options)?;

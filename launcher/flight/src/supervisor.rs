@@ -12,11 +12,10 @@ use super::checkpoint::CheckpointWriter;
 use super::tap::Tap;
 use runtime::clock::{WallMap, mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
-use runtime::namespace::BASE;
 use runtime::{Graph, StateHeader};
+use scenario::needs::MemoryNeed;
 use scenario::orders::Sent;
 use shared_types::{Flag, Handover, Hello, OwnerRecord, RegistryEntry, Role, Seat};
-use simulate::setup::free_shared_memory_mb;
 use std::path::PathBuf;
 use swap::child::{ChildSpec, RunningChild, describe_unready};
 use swap::post::Post;
@@ -34,8 +33,8 @@ pub(super) struct RestartPolicy {
     pub(super) backoff_max_ns: u64,
     /// Restarts of one process within a minute before the flight is given up.
     pub(super) limit: usize,
-    /// Shared memory that must be free before a process is started in flight \[MB\].
-    pub(super) room_mb: u64,
+    /// Memory that must be free before a process is started in flight.
+    pub(super) room: MemoryNeed,
 }
 
 /// From one look for room in shared memory to the next \[ns\].
@@ -278,14 +277,13 @@ impl Supervisor {
         }
     }
 
-    /// Why a process cannot be started now, if shared memory is short.
+    /// Why a process cannot be started now, if memory is short.
     fn no_room_for(&self, name: &str) -> Option<FlightError> {
-        let (free_mb, needed_mb) = (free_shared_memory_mb().ok()?, self.policy.room_mb);
-        let (name, place) = (name.to_owned(), BASE);
-        (free_mb < needed_mb).then_some(FlightError::NoRoom { name, place, free_mb, needed_mb })
+        let shortage = self.policy.room.look(0).err()?;
+        Some(FlightError::NoRoom { name: name.to_owned(), shortage })
     }
 
-    /// Whether a process that is due can be started again; none as long as shared memory is short, which is told once,
+    /// Whether a process that is due can be started again; none as long as memory is short, which is told once,
     /// and waited for only so long.
     fn room_for_restart(&mut self, index: usize, now_ns: u64) -> Option<Result<(), FlightError>> {
         let Some(no_room) = self.no_room_for(&self.posts[index].spec.name) else {

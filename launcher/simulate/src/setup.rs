@@ -5,13 +5,12 @@ use record::{Clock, Facts, Machine, RecordError};
 use runtime::clock::mono_now_ns;
 use runtime::ipc::PortError;
 use runtime::leader::LeadError;
-use runtime::namespace::{BASE, NamespaceError};
+use runtime::namespace::NamespaceError;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-use scenario::needs::Tasks;
+use scenario::needs::{Shortage, Tasks};
 pub use scenario::settings::Speed;
 use scenario::{Scenario, needs};
 use shared_types::ClockMode;
-use std::io;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -75,16 +74,11 @@ pub enum RunError {
     /// The recording.
     #[error(transparent)]
     Record(#[from] RecordError),
-    /// Too little shared memory.
+    /// Too little memory.
     #[error(
-        "{BASE} has {free_mb} MB free and a flight may need {needed_mb} MB: remove what fills it, or enlarge it with `mount -o remount,size=512m {BASE}`; a realtime flight needs less with `--set realtime.lock_memory=false`"
+        "too little memory for a flight: {0}; one in real time needs less with `--set realtime.lock_memory=false`"
     )]
-    SharedMemory {
-        /// Free space \[MB\].
-        free_mb: u64,
-        /// Space a flight may touch \[MB\].
-        needed_mb: u64,
-    },
+    Memory(#[from] Shortage),
     /// Too few file descriptors.
     #[error(
         "a process may open {limit} files here at most and a flight may need {needed}: raise the hard limit, nofile in /etc/security/limits.conf, or `ulimit -Hn {needed}` as root"
@@ -165,27 +159,6 @@ pub enum RunError {
 pub fn system(action: impl Into<String>) -> impl FnOnce(std::io::Error) -> RunError {
     let action = action.into();
     move |source| RunError::System { action, source }
-}
-
-/// Shared memory that is free \[MB\].
-///
-/// # Errors
-/// The system does not say.
-pub fn free_shared_memory_mb() -> io::Result<u64> {
-    let stat = rustix::fs::statvfs(BASE)?;
-    Ok(stat.f_bavail.saturating_mul(stat.f_frsize) / (1 << 20))
-}
-
-/// A process that touches shared memory which is not there dies of SIGBUS, so look first.
-///
-/// # Errors
-/// [`RunError`] if there is too little room.
-pub fn require_shared_memory(needed_mb: u64) -> Result<(), RunError> {
-    let free_mb = free_shared_memory_mb().map_err(system(format!("look at {BASE}")))?;
-    if free_mb < needed_mb {
-        return Err(RunError::SharedMemory { free_mb, needed_mb });
-    }
-    Ok(())
 }
 
 /// Raises the soft limit on open files to what a flight needs, and refuses to fly if the hard limit is below that.

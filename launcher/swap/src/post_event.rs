@@ -1,6 +1,7 @@
 //! What happens to the processes of a flight.
 
 use runtime::ipc::PortError;
+use scenario::needs::Shortage;
 use shared_types::Seat;
 use thiserror::Error;
 
@@ -16,18 +17,12 @@ pub enum FlightError {
         source: std::io::Error,
     },
     /// There is too little shared memory for another process.
-    #[error(
-        "{name} is not started: {place} has {free_mb} MB free, and it may need {needed_mb} MB: remove what fills it"
-    )]
+    #[error("{name} is not started: {shortage}")]
     NoRoom {
         /// The process.
         name: String,
-        /// Where shared memory is.
-        place: &'static str,
-        /// What is free \[MB\].
-        free_mb: u64,
-        /// What it may touch \[MB\].
-        needed_mb: u64,
+        /// What is short.
+        shortage: Shortage,
     },
     /// A process has ended before the flight began.
     #[error("{name} ended before it was ready ({how}){words}")]

@@ -201,7 +201,7 @@ impl Flight {
         let services = HeldServices::take_over(&bus)?;
         let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
         let of = Of { adoptions: checkpoint.of.adoptions + 1, ..checkpoint.of.clone() };
-        let takes_all = takes_all_memory(scenario);
+        let takes_all = takes_all_memory(scenario, bus.reservation().taken_mb());
         let policy = restart_policy(scenario, takes_all);
         let give_up_ns = mono_now_ns() + SWEEP_LIMIT_NS;
         // Services admit only so many readers and writers: as a rule there is room beside the dead launcher's, and if

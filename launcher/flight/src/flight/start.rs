@@ -24,7 +24,7 @@ use runtime::namespace::{BASE, Membership};
 use runtime::timed::START_MONO_NS;
 use runtime::watch::StopFlags;
 use scenario::Scenario;
-use scenario::needs::{LOCKED_MEMORY_MB, instance_mb, locks};
+use scenario::needs::{MemoryNeed, locks};
 use scenario::orders::Planner;
 use scenario::process::OWN_EXECUTABLE;
 use scenario::process::has_process;
@@ -33,8 +33,7 @@ use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Hello, Role};
 use simulate::Sinks;
 use simulate::setup::{
-    Pin, RunError, RunOptions, allowed_processors, clock_of, free_shared_memory_mb, pinned_cpu,
-    progress_bar, system,
+    Pin, RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar, system,
 };
 use swap::child::{ChildSpec, Launch};
 use swap::services::{HeldServices, Wakers};
@@ -67,14 +66,14 @@ pub(super) fn restart_policy(scenario: &Scenario, takes_all: bool) -> RestartPol
         backoff_ns: ns_from_s(launcher.restart_backoff_s),
         backoff_max_ns: ns_from_s(launcher.restart_backoff_max_s),
         limit: launcher.restart_limit as usize,
-        room_mb: instance_mb(scenario.settings(), takes_all),
+        room: MemoryNeed::of_instance(scenario.settings(), takes_all),
     }
 }
 
 /// True of a realtime flight whose shared memory is taken before it is touched: locked, or else reserved if there is so
-/// much.
-pub(super) fn takes_all_memory(scenario: &Scenario) -> bool {
-    let has_room = || free_shared_memory_mb().is_ok_and(|mb| mb >= LOCKED_MEMORY_MB);
+/// much, of which a flight that goes on has `taken_mb` already.
+pub(super) fn takes_all_memory(scenario: &Scenario, taken_mb: u64) -> bool {
+    let has_room = || MemoryNeed::RESERVED.look(taken_mb).is_ok();
     clock_of(scenario) == ClockMode::Realtime
         && (locks(scenario.settings(), may_lock_memory()) || has_room())
 }
@@ -103,7 +102,7 @@ impl Flight {
         let scenario = &options.scenario;
         let graph = graph_of(scenario)?;
         // Asked once, before any of it is taken.
-        let takes_all = takes_all_memory(scenario);
+        let takes_all = takes_all_memory(scenario, 0);
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
         bus.lead()?;
         let services = HeldServices::create(&bus)?;
@@ -273,9 +272,11 @@ impl Flight {
         let realtime = self.conductor.mode() == ClockMode::Realtime;
         let is_locked = locks(scenario.settings(), may_lock_memory());
         if realtime && !is_locked && self.reservation.is_none() {
+            let MemoryNeed { shared_mb, own_mb } = MemoryNeed::RESERVED;
+            let all_mb = shared_mb + own_mb;
             self.say(&format!(
-                "the memory of this flight is neither locked nor reserved, for which {BASE} had no {LOCKED_MEMORY_MB} MB: \
-                 a program that fills it can end the flight"
+                "the memory of this flight is neither locked nor reserved, for which {shared_mb} MB in {BASE} and {all_mb} MB \
+                 in all would have to be free: a program that takes them can end the flight"
             ));
         }
         let start_ns = mono_now_ns() + if realtime { COUNTDOWN_NS } else { 0 };

@@ -22,6 +22,7 @@ use layout::{Channel, Origin};
 use mcap::records::Record;
 use records::{Ending, Records};
 use scenario::Scenario;
+use scenario::needs::Available;
 use shared_types::{Role, Sample, Topic};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -195,7 +196,7 @@ impl RecordedFlight {
         let path = self.path.clone();
         let length = std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
         let needed = length.saturating_mul(UNPACKED);
-        match free_memory() {
+        match Available::here().map(|left| left.mb << 20) {
             Some(free) if needed > free => Err(ReadError::TooLong { path, length, needed, free }),
             _ => Ok(()),
         }
@@ -228,13 +229,6 @@ impl RecordedFlight {
 
 /// Bytes of samples in memory for one of a file, at most.
 const UNPACKED: u64 = 3;
-
-/// Memory that can be had \[bytes\]; none if the system does not tell.
-fn free_memory() -> Option<u64> {
-    let told = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = told.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    line.split_whitespace().next()?.parse::<u64>().ok()?.checked_mul(1024)
-}
 
 /// The build that recorded a file.
 fn recorder(facts: &BTreeMap<String, String>) -> String {

@@ -1,7 +1,7 @@
 //! The run namespace of one process: its folder, its services, and a stand-in for each neighbour.
 
 use super::super::stepper::InstanceMark;
-use crate::setup::{require_descriptors, require_shared_memory, run_id};
+use crate::setup::{RunError, require_descriptors, run_id};
 use core::sync::atomic::{AtomicU32, Ordering};
 use host::flight::Clock;
 use protocol::control::runs::note_measurement;
@@ -11,7 +11,8 @@ use runtime::ipc::{Bus, IpcSink, PortError, ServiceKind};
 use runtime::leader::LeadError;
 use runtime::namespace::{Membership, NamespaceError, sweep_dead_runs};
 use runtime::{Graph, Sink as _};
-use scenario::{Scenario, needs};
+use scenario::Scenario;
+use scenario::needs::MemoryNeed;
 use shared_types::{ClockMode, ClockRecord, Flag, NodeId, Progress, Role, Seat};
 use std::path::Path;
 use swap::RegistryWriter;
@@ -98,8 +99,8 @@ impl Namespace {
         /// Tells the runs of flights apart that begin side by side.
         static FOUNDED: AtomicU32 = AtomicU32::new(0);
         let _ = sweep_dead_runs();
-        require_shared_memory(needs::SHARED_MEMORY_MB)
-            .and_then(|()| require_descriptors())
+        let room = MemoryNeed::LOCKSTEP.look(0).map_err(RunError::from);
+        room.and_then(|()| require_descriptors())
             .map_err(|error| OutsideError::Memory(error.to_string()))?;
         let number = FOUNDED.fetch_add(1, Ordering::Relaxed);
         let membership = Membership::found(&format!("{}{number:x}", run_id()))?;

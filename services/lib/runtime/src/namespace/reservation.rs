@@ -27,6 +27,15 @@ impl Reservation {
         Self { folder: folder.to_path_buf(), reserved: BTreeSet::new() }
     }
 
+    /// Memory that the run's objects have taken, reserved or touched \[MB\].
+    #[must_use]
+    pub fn taken_mb(&self) -> u64 {
+        let taken =
+            objects_of(&self.folder).filter_map(|entry| Some(entry.metadata().ok()?.blocks()));
+        // In units of 512 bytes, whatever the file system has.
+        taken.sum::<u64>() >> 11
+    }
+
     /// Takes the memory of all objects that the run has by now.
     ///
     /// # Errors
@@ -73,6 +82,7 @@ mod tests {
         let (first, foreign) = (object("ours", "first"), object("other", "first"));
         reservation.extend().unwrap();
         assert_eq!([&first, &foreign].map(|path| blocks(path)), [2048, 0]);
+        assert_eq!(reservation.taken_mb(), 1);
         let second = object("ours", "second");
         assert_eq!(blocks(&second), 0);
         reservation.extend().unwrap();

@@ -1,0 +1,179 @@
+//! Memory that a process can still have: of the machine, and of the control groups that it is in, as a container is one.
+//!
+//! A file system of shared memory says how large it may become and not whether there is memory for it. A page that a group
+//! may not have ends one of its processes, whichever the kernel chooses.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Memory that can still be had, and what bounds it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Available {
+    /// What is left \[MB\].
+    pub mb: u64,
+    /// File of the kernel that says so.
+    pub by: PathBuf,
+}
+
+impl Available {
+    /// To this process; none where the system does not say.
+    #[must_use]
+    pub fn here() -> Option<Self> {
+        Self::below(Path::new("/"))
+    }
+
+    /// The same where the kernel's files are below `root`.
+    #[must_use]
+    pub fn below(root: &Path) -> Option<Self> {
+        groups(root).chain(of_machine(root)).min_by_key(|found| found.mb)
+    }
+}
+
+fn of_machine(root: &Path) -> Option<Available> {
+    let by = root.join("proc/meminfo");
+    let told = fs::read_to_string(&by).ok()?;
+    Some(Available { mb: field(&told, "MemAvailable:")? >> 10, by })
+}
+
+/// Value of a line that begins with `name`.
+fn field(told: &str, name: &str) -> Option<u64> {
+    let values = told.lines().find_map(|line| line.strip_prefix(name));
+    values?.split_whitespace().next()?.parse().ok()
+}
+
+/// How one of the two versions of control groups tells of memory.
+struct Version {
+    /// Where its hierarchy may be mounted.
+    mounts: &'static [&'static str],
+    limit: &'static str,
+    used: &'static str,
+    /// Before the names in `memory.stat` that count the groups below too.
+    prefix: &'static str,
+}
+
+const V1: Version = Version {
+    mounts: &["sys/fs/cgroup/memory"],
+    limit: "memory.limit_in_bytes",
+    used: "memory.usage_in_bytes",
+    prefix: "total_",
+};
+
+const V2: Version = Version {
+    mounts: &["sys/fs/cgroup", "sys/fs/cgroup/unified"],
+    limit: "memory.max",
+    used: "memory.current",
+    prefix: "",
+};
+
+/// What is left to each group with a limit that the process is in.
+fn groups(root: &Path) -> impl Iterator<Item = Available> {
+    let told = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
+    let mut found = Vec::new();
+    for line in told.lines() {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let (Some(controllers), Some(group)) = (parts.next(), parts.next()) else { continue };
+        let version = match controllers {
+            "" => &V2,
+            listed if listed.split(',').any(|one| one == "memory") => &V1,
+            _ => continue,
+        };
+        let group = Path::new(group.trim_start_matches('/'));
+        for mount in version.mounts {
+            // In a container the path may be that of the host, which is not there; its own group is the mount then.
+            let folders = group.ancestors().map(|above| root.join(mount).join(above));
+            found.extend(folders.filter_map(|folder| version.left(&folder)));
+        }
+    }
+    found.into_iter()
+}
+
+impl Version {
+    /// What is left to the group in `folder`; none without a limit.
+    fn left(&self, folder: &Path) -> Option<Available> {
+        let by = folder.join(self.limit);
+        let number = |path: &Path| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
+        let (limit, used) = (number(&by)?, number(&folder.join(self.used))?);
+        let stat = fs::read_to_string(folder.join("memory.stat")).unwrap_or_default();
+        let pages = |name: &str| field(&stat, &format!("{}{name} ", self.prefix)).unwrap_or(0);
+        // Files that the kernel keeps as long as there is room are given back first; shared memory is not among them.
+        let kept = pages("active_file") + pages("inactive_file");
+        let left = limit.saturating_sub(used.saturating_sub(kept));
+        Some(Available { mb: left >> 20, by })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MB: u64 = 1 << 20;
+
+    /// What is left where the kernel's files have these texts.
+    fn available(files: &[(&str, &str)]) -> Option<(u64, String)> {
+        let root = tempfile::tempdir().unwrap();
+        for (path, text) in files {
+            let path = root.path().join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+        let found = Available::below(root.path())?;
+        let by = found.by.strip_prefix(root.path()).unwrap();
+        Some((found.mb, by.display().to_string()))
+    }
+
+    const MACHINE: (&str, &str) =
+        ("proc/meminfo", "MemTotal: 9000000 kB\nMemAvailable:  4096000 kB\n");
+
+    #[test]
+    fn without_a_limit_the_machine_says_what_is_left() {
+        assert_eq!(available(&[]), None);
+        let by_machine = Some((4000, "proc/meminfo".to_owned()));
+        assert_eq!(available(&[MACHINE]), by_machine);
+        let unlimited = [
+            MACHINE,
+            ("proc/self/cgroup", "0::/a\n"),
+            ("sys/fs/cgroup/a/memory.max", "max\n"),
+            ("sys/fs/cgroup/a/memory.current", "1\n"),
+        ];
+        assert_eq!(available(&unlimited), by_machine);
+    }
+
+    #[test]
+    fn the_narrowest_group_counts_and_pages_of_files_are_given_back() {
+        let (limit, used) = ((512 * MB).to_string(), (300 * MB).to_string());
+        let stat = format!("anon 1\ninactive_file {}\nactive_file {}\n", 30 * MB, 20 * MB);
+        let (wide, little) = ((900 * MB).to_string(), MB.to_string());
+        let mut files = vec![
+            MACHINE,
+            ("proc/self/cgroup", "1:name=systemd:/\n0::/a/b\n"),
+            ("sys/fs/cgroup/a/memory.max", limit.as_str()),
+            ("sys/fs/cgroup/a/memory.current", used.as_str()),
+            ("sys/fs/cgroup/a/memory.stat", stat.as_str()),
+            ("sys/fs/cgroup/a/b/memory.max", wide.as_str()),
+            ("sys/fs/cgroup/a/b/memory.current", little.as_str()),
+        ];
+        let expected = Some((262, "sys/fs/cgroup/a/memory.max".to_owned()));
+        assert_eq!(available(&files), expected);
+        // The wider one no longer is once it is used.
+        let full = (950 * MB).to_string();
+        files[6].1 = &full;
+        assert_eq!(available(&files), Some((0, "sys/fs/cgroup/a/b/memory.max".to_owned())));
+    }
+
+    #[test]
+    fn a_container_whose_group_is_named_as_on_the_host_has_its_limit_at_the_mount() {
+        let (limit, used) = ((200 * MB).to_string(), (50 * MB).to_string());
+        let stat = format!("inactive_file 0\ntotal_inactive_file {}\n", 10 * MB);
+        for line in ["4:memory:/docker/0123\n", "4:cpu,memory:/\n"] {
+            let found = available(&[
+                MACHINE,
+                ("proc/self/cgroup", line),
+                ("sys/fs/cgroup/memory/memory.limit_in_bytes", &limit),
+                ("sys/fs/cgroup/memory/memory.usage_in_bytes", &used),
+                ("sys/fs/cgroup/memory/memory.stat", &stat),
+            ]);
+            let by = "sys/fs/cgroup/memory/memory.limit_in_bytes".to_owned();
+            assert_eq!(found, Some((160, by)), "{line}");
+        }
+    }
+}
