@@ -1,9 +1,7 @@
 //! What a flight needs of the machine.
 
-mod memory;
-
 use super::settings::{Clock, Settings};
-pub use memory::Available;
+pub use host::memory::Available;
 use runtime::namespace::BASE;
 use rustix::process::{Resource, geteuid, getrlimit};
 use std::fs;

@@ -38,6 +38,7 @@ pub mod exit;
 pub mod flight;
 mod joined;
 mod layout;
+pub mod memory;
 pub mod realtime;
 mod staying;
 mod thread;
