@@ -159,43 +159,52 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
     assert_nothing_left(&run);
 }
 
-/// Of a launcher that dies as it takes over, the process that it has started is ended by the next one, which tells the
-/// flight of one of its own.
+/// Loops without which nothing commands; they have one seat, and the one that is taken of several.
+const LOST: [&str; 3] = ["estimator", "attitude-mpc", "position-mpc"];
+
+/// Of a launcher that dies as it takes over, the processes that it has started are ended by the next one, which tells the
+/// flight of those of its own.
 #[test]
 fn what_dies_without_a_launcher_is_started_once_however_many_take_over() {
     let running = slowly(&["--for", "60s"]);
     let run = running.id().to_owned();
     running.kill_launcher();
-    let mut gone = vec![running.signal("estimator", Signal::KILL)];
+    let mut gone: Vec<u32> = LOST.map(|name| running.signal(name, Signal::KILL)).to_vec();
     let started = |gone: &[u32]| {
-        let estimators =
-            || processes_of(&run).into_iter().filter(|p| p.arguments[0] == "estimator");
-        wait_for("a new estimator", || {
-            let pids: Vec<u32> =
-                estimators().map(|p| p.pid).filter(|p| !gone.contains(p)).collect();
-            if let [pid] = pids[..] { Ok(pid) } else { Err(format!("{pids:?}")) }
+        LOST.map(|name| {
+            let of_name = || processes_of(&run).into_iter().filter(|p| p.arguments[0] == name);
+            wait_for(name, || {
+                let pids: Vec<u32> =
+                    of_name().map(|p| p.pid).filter(|pid| !gone.contains(pid)).collect();
+                if let [pid] = pids[..] { Ok(pid) } else { Err(format!("{pids:?}")) }
+            })
         })
     };
     let mut first = Adopter::start(&run);
-    gone.push(started(&gone));
+    gone.extend(started(&gone));
     first.0.kill().expect("it leads");
     first.0.wait().expect("it ends");
     let adopter = Adopter::start(&run);
     let flown_s = || ps(&run).and_then(|status| status["flown_s"].as_f64()).unwrap_or(0.0);
-    let pid = started(&gone);
-    let runs = || -> Option<bool> {
+    let pids = started(&gone);
+    let run_now = || -> Option<bool> {
         let status = ps(&run)?;
-        let mut processes = status["processes"].as_array()?.iter();
-        Some(processes.find(|p| p["pid"] == pid)?["state"] == "running")
+        let processes = status["processes"].as_array()?;
+        let runs = |pid: u32| {
+            let mut of_pid = processes.iter().filter(|p| p["pid"] == pid);
+            of_pid.any(|p| p["state"] == "running" || p["state"] == "owner")
+        };
+        Some(pids.into_iter().all(runs))
     };
-    wait_until("it runs", || runs() == Some(true));
+    wait_until("they run", || run_now() == Some(true));
     let ran_s = flown_s();
     wait_until("every loop flies on", || flown_s() > ran_s + 0.05);
-    assert_eq!((started(&gone), runs()), (pid, Some(true)));
+    assert_eq!((started(&gone), run_now()), (pids, Some(true)));
     assert!(kill(adopter.0.id(), Signal::INT));
     let (code, summary, said) = adopter.end();
     assert_eq!(code, Some(130), "{summary} {said}");
     assert!(said.contains("estimator has died while the flight had no launcher"), "{said}");
+    assert_eq!(summary["restarts"], 0, "{summary} {said}");
     assert_nothing_left(&run);
 }
 

@@ -119,6 +119,16 @@ impl Checkpoint {
     }
 }
 
+impl Checkpoint {
+    /// Writes it into the folder of its run; a reader has the old checkpoint or the new one.
+    pub(super) fn save(&self, folder: &Path) -> io::Result<()> {
+        let path = folder.join(FILE);
+        let draft = path.with_extension("draft");
+        fs::write(&draft, serde_json::to_vec(self)?)?;
+        fs::rename(draft, path)
+    }
+}
+
 impl Author {
     fn this() -> Self {
         Self {
@@ -171,7 +181,7 @@ fn layouts() -> BTreeMap<String, String> {
 
 /// Keeps the checkpoint of a flight.
 pub(super) struct CheckpointWriter {
-    path: PathBuf,
+    folder: PathBuf,
     checkpoint: Checkpoint,
     trouble: Option<String>,
     troubled: bool,
@@ -198,7 +208,7 @@ impl CheckpointWriter {
             disturbance: Packed::default(),
             posts: Vec::new(),
         };
-        Self { path: folder.join(FILE), checkpoint, trouble: None, troubled: false }
+        Self { folder: folder.to_path_buf(), checkpoint, trouble: None, troubled: false }
     }
 
     /// Notes how time runs; in the file with the next [`write`](Self::write).
@@ -229,21 +239,14 @@ impl CheckpointWriter {
     }
 
     fn save(&mut self) {
-        if let Err(error) = self.replace()
+        if let Err(error) = self.checkpoint.save(&self.folder)
             && !core::mem::replace(&mut self.troubled, true)
         {
             self.trouble = Some(format!(
                 "cannot note in {} who flies: {error}; if this launcher dies, no other can take over",
-                self.path.display()
+                self.folder.join(FILE).display()
             ));
         }
-    }
-
-    /// A reader has the old checkpoint or the new one.
-    fn replace(&self) -> io::Result<()> {
-        let draft = self.path.with_extension("draft");
-        fs::write(&draft, serde_json::to_vec(&self.checkpoint)?)?;
-        fs::rename(draft, &self.path)
     }
 
     /// What is wrong with the checkpoint, once.

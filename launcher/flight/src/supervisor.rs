@@ -6,7 +6,12 @@
 mod deaths;
 mod participants;
 mod registration;
+mod started_first;
 mod take_over;
+
+use registration::Joined;
+use started_first::Expected;
+pub(super) use started_first::StartedFirst;
 
 use super::checkpoint::CheckpointWriter;
 use super::tap::Tap;
@@ -21,6 +26,8 @@ use swap::child::{ChildSpec, RunningChild, describe_unready};
 use swap::post::Post;
 use swap::{FlightError, OrderSinks, PostEvent, RegistryWriter, SlotOwner};
 
+/// What processes say as they join is kept up to here.
+const HELLOS: usize = 64;
 /// How long what is to happen waits for all processes to look after their readers \[ns\].
 const SERVE_LIMIT_NS: u64 = 1_000_000_000;
 
@@ -81,6 +88,8 @@ pub(super) struct Supervisor {
     pub(super) recovered: u64,
     /// Since when a process has waited for room in shared memory, which has been told \[ns\].
     awaits_room_ns: Option<u64>,
+    /// Processes of slots that are there before their slots have asked for them.
+    expected: Vec<Expected>,
 }
 
 impl Supervisor {
@@ -98,7 +107,7 @@ impl Supervisor {
             folder,
             policy,
             posts: posts.collect::<Result<_, _>>()?,
-            hello: IpcSource::with_capacity(hello, 64)?,
+            hello: IpcSource::with_capacity(hello, HELLOS)?,
             registry: RegistryWriter::open(bus)?,
             slots: SlotOwner::open_all(bus)?,
             orders: OrderSinks::open(bus)?,
@@ -110,6 +119,7 @@ impl Supervisor {
             notices: Vec::new(),
             recovered: 0,
             awaits_room_ns: None,
+            expected: Vec::new(),
         })
     }
 
@@ -225,6 +235,8 @@ impl Supervisor {
                 };
                 let state = state.unwrap_or_default();
                 post.hand_over(tap.marks.name_writers(order, state), state);
+            } else if let Some(expected) = self.expected.iter_mut().find(|own| own.seat == seat) {
+                expected.joined = Some(joined);
             } else {
                 self.events.extend(joined.to_event());
             }
@@ -257,6 +269,7 @@ impl Supervisor {
     /// Starts a process on a seat of a slot that is free. One that cannot be started has gone at once, and says
     /// why: what is ordered in flight never ends the flight.
     pub(super) fn spawn(&mut self, bus: &Bus, seat: Seat, spec: ChildSpec) {
+        self.expected.retain(|own| own.seat != seat);
         if let Some(no_room) = self.no_room_for(&spec.name) {
             return self.never_started(seat, &no_room);
         }
@@ -316,6 +329,11 @@ impl Supervisor {
             FlightError::Lost { name: self.posts[index].spec.name.clone(), how, words, reason }
         })?;
         self.recovered += 1;
+        if let Some(there) = self.expected.iter().position(|own| own.seat == seat) {
+            let Expected { joined, .. } = self.expected.swap_remove(there);
+            self.events.extend(joined.and_then(Joined::to_event));
+            return Ok(());
+        }
         let post = &mut self.posts[index];
         post.goes_on = false;
         post.restart_at_ns = Some(now_ns + pause_ns);

@@ -89,13 +89,18 @@ impl Post {
     pub fn start(&mut self, folder: &Path, awaits_handover: bool) -> io::Result<()> {
         let place = Place { seat: self.seat.index, generation: self.generation };
         let child = RunningChild::start(&self.spec, folder, place, awaits_handover)?;
+        self.hold(child, awaits_handover);
+        Ok(())
+    }
+
+    /// Holds a process that has been started for the seat.
+    pub fn hold(&mut self, child: RunningChild, awaits_handover: bool) {
         self.started = process_start(child.pid()).unwrap_or(0);
         self.child = Some(child);
         (self.awaits_handover, self.handed_over) = (awaits_handover, false);
         // What was to be killed before is not this process.
         (self.ready, self.scripted) = (false, false);
         self.standstill = None;
-        Ok(())
     }
 
     /// True if a process is the controller that was started for the seat, itself or by a script around it.

@@ -80,11 +80,18 @@ impl<'a> Holder<'a> {
     ) -> Result<(), PortError> {
         let give_up_ns = mono_now_ns() + REMOVAL_LIMIT_NS;
         let factory = loop {
-            let is_made = self.way == Way::Create || !self.bus.has_service(&name);
             let is_removed = |error: &PortError| {
                 self.way == Way::TakeOver && matches!(error, PortError::Transport { .. })
             };
-            match if is_made { create() } else { open() } {
+            let held =
+                match self.way {
+                    Way::Create => create(),
+                    // As a rule it is there, which to ask first would take as long as to open it.
+                    Way::TakeOver => open().or_else(|error| {
+                        if self.bus.has_service(&name) { Err(error) } else { create() }
+                    }),
+                };
+            match held {
                 Err(error) if is_removed(&error) && mono_now_ns() < give_up_ns => {
                     sleep_until(mono_now_ns() + AGAIN_AFTER_NS);
                 }

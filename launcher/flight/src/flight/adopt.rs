@@ -7,18 +7,18 @@ use crate::checkpoint::{Checkpoint, CheckpointError, CheckpointWriter, Of};
 use crate::conductor::Conductor;
 use crate::live::Live;
 use crate::pilot_thread::{self, Entry};
-use crate::supervisor::Supervisor;
+use crate::supervisor::{StartedFirst, Supervisor};
 use document::ScenarioError;
 use protocol::control::SOCKET;
 use protocol::topic::feed::Flying;
 use record::{Continued, Facts, Recorder};
 use runtime::clock::{WallMap, mono_now_ns, sleep_until};
-use runtime::ipc::{Bus, PortError, ServiceKind};
+use runtime::ipc::{Bus, PortError};
 use runtime::leader::{LeadError, Leader};
 use runtime::namespace::{Membership, remove_incomplete_objects};
 use runtime::watch::StopFlags;
 use scenario::Scenario;
-use shared_types::{ClockMode, Hello, Role};
+use shared_types::{ClockMode, Role};
 use simulate::setup::{RunError, RunOptions, facts, recording_path, stamps_of, system};
 use simulate::{Pin, Speed, Summary};
 use std::path::{Path, PathBuf};
@@ -103,7 +103,7 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
     // Declared before everything that uses the transport, so that it is dropped last and wipes.
     let mut membership = Membership::take_over(folder)
         .map_err(|source| AdoptError::Led { run: run.clone(), source })?;
-    let checkpoint = Checkpoint::read(folder).map_err(|error| match error {
+    let mut checkpoint = Checkpoint::read(folder).map_err(|error| match error {
         CheckpointError::Unreadable { .. } => AdoptError::NotStarted { run: run.clone() },
         other => AdoptError::OtherBuild { run: run.clone(), reason: other.to_string() },
     })?;
@@ -132,7 +132,7 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
     // From here on the processes wait for no other launcher.
     membership.announce_lead().map_err(RunError::from)?;
     let mut flight =
-        Flight::find(&options, &membership, stop, &checkpoint, (path.as_deref(), recording))?;
+        Flight::find(&options, &membership, stop, &mut checkpoint, (path.as_deref(), recording))?;
     let who = before.map_or_else(String::new, |leader| format!(" from process {}", leader.pid));
     let outcome = match flight.take_over(&checkpoint, &membership, &options) {
         Ok(()) => {
@@ -188,7 +188,7 @@ impl Flight {
         options: &RunOptions,
         membership: &Membership,
         stop: StopFlags,
-        checkpoint: &Checkpoint,
+        checkpoint: &mut Checkpoint,
         (path, recording): (Option<&Path>, Option<Recorder>),
     ) -> Result<Self, AdoptError> {
         let scenario = &options.scenario;
@@ -198,11 +198,11 @@ impl Flight {
         remove_incomplete_objects(folder);
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
         bus.lead()?;
-        let services = HeldServices::take_over(&bus)?;
-        let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
-        let of = Of { adoptions: checkpoint.of.adoptions + 1, ..checkpoint.of.clone() };
         let takes_all = takes_all_memory(scenario, bus.reservation().taken_mb());
         let policy = restart_policy(scenario, takes_all);
+        let mut started = StartedFirst::of(checkpoint, folder, &bus, policy.room);
+        let services = HeldServices::take_over(&bus)?;
+        let of = Of { adoptions: checkpoint.of.adoptions + 1, ..checkpoint.of.clone() };
         let give_up_ns = mono_now_ns() + SWEEP_LIMIT_NS;
         // Services admit only so many readers and writers: as a rule there is room beside the dead launcher's, and if
         // there is none they have to be swept away first.
@@ -211,8 +211,7 @@ impl Flight {
             let found = Supervisor::take_over(
                 &bus,
                 folder.to_path_buf(),
-                checkpoint,
-                &hello,
+                (checkpoint, &mut started),
                 policy,
                 checkpoint_writer,
             );
@@ -296,7 +295,10 @@ impl Flight {
     /// Waits until the consumers have said which seat they follow: what happened to a slot while no
     /// launcher led is known to them alone.
     fn listen(&mut self, checkpoint: &Checkpoint) {
-        let position_too = checkpoint.posts.iter().any(|post| post.place().role == Role::Position);
+        // What follows the position slot is in the attitude slot, if anything is alive there.
+        let has_position = checkpoint.posts.iter().any(|post| post.place().role == Role::Position);
+        let mut living = self.supervisor.living();
+        let position_too = has_position && living.any(|(seat, ..)| seat.role == Role::Attitude);
         let give_up_ns = mono_now_ns() + HEAR_LIMIT_NS;
         while mono_now_ns() < give_up_ns {
             self.tap.drain(mono_now_ns());

@@ -8,6 +8,7 @@ use swap::PostEvent;
 use swap::post::Post;
 
 /// A process that has just been entered in the registry.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Joined {
     pub(super) seat: Seat,
     pub(super) layout: u64,
@@ -16,8 +17,8 @@ pub(super) struct Joined {
 
 impl Joined {
     /// For a slot of several seats.
-    pub(super) fn to_event(&self) -> Option<PostEvent> {
-        let Self { seat, layout, period_ns } = *self;
+    pub(super) fn to_event(self) -> Option<PostEvent> {
+        let Self { seat, layout, period_ns } = self;
         seat.role.is_slot().then_some(PostEvent::Joined { place: seat, layout, period_ns })
     }
 }

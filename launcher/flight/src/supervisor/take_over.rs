@@ -1,34 +1,34 @@
 //! What is noted for the next launcher, and how that one goes on from there.
 
 use super::deaths::PLANT_GONE;
+use super::started_first::{Expected, StartedFirst};
 use super::{Notice, RestartPolicy, Supervisor};
 use crate::checkpoint::{Checkpoint, CheckpointWriter};
 use crate::tap::Tap;
 use runtime::SeatMarks;
 use runtime::clock::WallMap;
-use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
-use shared_types::{ClockRecord, Hello, OwnerRecord, Role, Seat};
+use runtime::ipc::{Bus, PortError};
+use shared_types::{ClockRecord, OwnerRecord, Role, Seat};
 use std::path::PathBuf;
 use swap::child::{ChildSpec, Launch, RunningChild};
 use swap::post::Post;
 use swap::{FlightError, OrderSinks, PostNote, RegistryWriter, SlotOwner};
 
 impl Supervisor {
-    /// Takes over from a launcher that has died: the processes that live are held, the others are counted as gone.
+    /// Takes over from a launcher that has died: the processes that live are held, with those that were `started` first,
+    /// and the others are counted as gone.
     pub(crate) fn take_over(
         bus: &Bus,
         folder: PathBuf,
-        checkpoint: &Checkpoint,
-        hello: &TopicFactory<Hello>,
+        (checkpoint, started): (&Checkpoint, &mut StartedFirst),
         policy: RestartPolicy,
         checkpoint_writer: CheckpointWriter,
     ) -> Result<Self, PortError> {
-        let posts = checkpoint.posts.iter().map(|note| taken_over(bus, note));
+        let posts = checkpoint.posts.iter().map(|note| taken_over(bus, note, started));
         let mut supervisor = Self {
             folder,
             policy,
             posts: posts.collect::<Result<_, _>>()?,
-            hello: IpcSource::with_capacity(hello, 64)?,
             registry: RegistryWriter::open(bus)?,
             slots: SlotOwner::open_all(bus)?,
             orders: OrderSinks::open(bus)?,
@@ -40,6 +40,8 @@ impl Supervisor {
             notices: Vec::new(),
             recovered: 0,
             awaits_room_ns: None,
+            expected: Vec::new(),
+            hello: started.take_hellos(bus)?,
         };
         // What is noted from here on must hold for the next launcher, should this one die.
         for slot in &mut supervisor.slots {
@@ -56,11 +58,32 @@ impl Supervisor {
         for seat in gone {
             supervisor.registry.leave(seat);
         }
+        for index in 0..supervisor.posts.len() {
+            let post = &mut supervisor.posts[index];
+            let Some(child) = started.take(post.seat) else { continue };
+            post.hold(child, true);
+            if post.seat.role.is_slot() {
+                // Where it begins is for its slot to say.
+                post.goes_on = false;
+                let seat = post.seat;
+                supervisor.expected.push(Expected { seat, joined: None });
+            } else {
+                supervisor.tell_of_restart(index);
+            }
+        }
         Ok(supervisor)
     }
 
-    /// Starts a process again that was not in a slot and is gone, before anything that it does not need: meanwhile the
-    /// vehicle flies without it.
+    fn tell_of_restart(&mut self, index: usize) {
+        let source = self.posts[index].spec.name.clone();
+        let text = format!(
+            "{source} has died while the flight had no launcher: starting it anew, without its state"
+        );
+        self.notices.push(Notice { source, text });
+        self.recovered += 1;
+    }
+
+    /// Starts a process again that was not in a slot, is gone, and could not be started first.
     pub(crate) fn start_gone(&mut self, now_ns: u64) {
         if self.is_plant_gone() {
             return;
@@ -68,16 +91,11 @@ impl Supervisor {
         // A launcher after this one must take no generation that was started here for one of its own.
         self.note();
         for index in 0..self.posts.len() {
-            let post = &mut self.posts[index];
+            let post = &self.posts[index];
             if post.child.is_some() || post.finished || post.seat.role.seats() > 1 {
                 continue;
             }
-            let source = post.spec.name.clone();
-            let text = format!(
-                "{source} has died while the flight had no launcher: starting it anew, without its state"
-            );
-            self.notices.push(Notice { source, text });
-            self.recovered += 1;
+            self.tell_of_restart(index);
             if let Some(Err(_)) = self.start_again(index, false, now_ns) {
                 // It is tried again as any other, and then told why it cannot be.
                 self.posts[index].restart_at_ns = Some(now_ns);
@@ -169,8 +187,14 @@ fn record_of(checkpoint: &Checkpoint, slot: Role) -> Option<&OwnerRecord> {
     checkpoint.owners.iter().map(|record| &record.0).find(|record| record.slot == slot)
 }
 
-fn taken_over(bus: &Bus, note: &PostNote) -> Result<Post, PortError> {
+fn taken_over(bus: &Bus, note: &PostNote, started: &StartedFirst) -> Result<Post, PortError> {
     let mut post = Post::open(bus, note.place(), note.spec.clone())?;
+    if started.has(post.seat) {
+        // Its process comes to it once all others are there.
+        (post.generation, post.layout, post.period_ns) =
+            (note.generation, note.layout, note.period_ns);
+        return Ok(post);
+    }
     let take_over =
         |(pid, started)| RunningChild::take_over(pid, started, &note.spec.name, note.pipes);
     let mut living = note.process.and_then(take_over);

@@ -120,8 +120,9 @@ impl SlotWatch {
         Self { known: Some(Watcher::new(vehicle)), ..Self::default() }
     }
 
-    /// Of a flight by the wall clock, in which estimates may fail to come: without one no controller can command, and
-    /// that is no reason to take one away. In lockstep all wait until they come.
+    /// Of a flight by the wall clock, in which estimates may fail to come, and references while a launcher takes over: a
+    /// controller that has just begun commands nothing without, and that is no reason to take it away. In lockstep all wait
+    /// until they come.
     #[must_use]
     pub fn by_the_wall(mut self) -> Self {
         self.estimated_ns = Some(0);
@@ -246,8 +247,11 @@ impl SlotWatch {
     ) {
         let Some((since_ns, last)) = self.guided.get_mut(place) else { return };
         let Followed { at_ns, epoch, .. } = said;
-        let is_blind = self.estimated_ns.is_some_and(|known| at_ns > known + STALE_NS);
-        if sequence == u64::MAX || sequence != *last || epoch == 0 || is_blind {
+        let is_over = |known_ns: u64| at_ns > known_ns + STALE_NS;
+        let has_no_reference = slot == Role::Position
+            && self.references.back().is_none_or(|(valid_ns, _)| is_over(*valid_ns));
+        let is_helpless = self.estimated_ns.is_some_and(|ns| is_over(ns) || has_no_reference);
+        if sequence == u64::MAX || sequence != *last || epoch == 0 || is_helpless {
             (*since_ns, *last) = (at_ns, sequence);
         } else if at_ns.saturating_sub(*since_ns) >= SlotConfig::REALTIME.unguided_ns {
             let since_ns = *since_ns;
@@ -301,5 +305,31 @@ mod tests {
         assert_eq!(told(by_the_wall(), 1_100), 0, "it has nothing to fly on");
         assert_eq!(told(by_the_wall(), 1_500), 300, "it says nothing although it could");
         assert_eq!(told(SlotWatch::default(), 1_100), 300, "lockstep waits for estimates");
+    }
+
+    /// The same of the position slot: estimates come all the time, and references until `referred_ms`.
+    #[test]
+    fn an_owner_of_the_position_slot_without_references_is_not_silent() {
+        let told = |referred_ms: u64| {
+            let mut watch = SlotWatch::default().by_the_wall();
+            for ms in 1_000..1_500_u64 {
+                let ns = ms * 1_000_000;
+                watch.observe(&StateEstimate { described_ns: ns, ..Default::default() });
+                if ms < referred_ms {
+                    let header = Header { valid_ns: ns, ..Header::default() };
+                    watch.observe(&Reference { header, ..Default::default() });
+                }
+                let header = Header { release_ns: ns, ..Header::default() };
+                watch.observe(&AppliedSetpoint {
+                    header,
+                    epoch: 1,
+                    setpoint_sequence: 1,
+                    ..Default::default()
+                });
+            }
+            watch.take().iter().filter(|seen| matches!(seen, Seen::Unguided { .. })).count()
+        };
+        assert_eq!(told(1_100), 0, "it has nothing to follow");
+        assert_eq!(told(1_500), 300, "it says nothing although it could");
     }
 }

@@ -20,6 +20,8 @@ const LOCK: &str = "launcher.lock";
 /// process keeps its files.
 const LIVING_NS: u64 = 200_000_000;
 const DYING_NS: u64 = 20_000_000_000;
+/// From one attempt to the next \[ns\].
+const ASK_AGAIN_NS: u64 = 2_000_000;
 
 /// Why a run cannot be led by this process.
 #[derive(Debug, Error)]
@@ -106,7 +108,7 @@ impl LeaderLock {
                     if mono_now_ns() > begun_ns + limit_ns {
                         return Err(LeadError::Led { pid });
                     }
-                    sleep_until(mono_now_ns() + 10_000_000);
+                    sleep_until(mono_now_ns() + ASK_AGAIN_NS);
                 }
             }
         }
