@@ -117,9 +117,7 @@ impl Checkpoint {
         head.author.require_same_build()?;
         serde_json::from_str(&text).map_err(|error| unreadable(error.to_string()))
     }
-}
 
-impl Checkpoint {
     /// Writes it into the folder of its run; a reader has the old checkpoint or the new one.
     pub(super) fn save(&self, folder: &Path) -> io::Result<()> {
         let path = folder.join(FILE);

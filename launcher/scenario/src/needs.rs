@@ -111,7 +111,7 @@ pub enum Shortage {
 }
 
 impl MemoryNeed {
-    /// Of a flight in lockstep.
+    /// Of a flight that takes what it touches, as each does in lockstep.
     pub const LOCKSTEP: Self = Self { shared_mb: SHARED_MEMORY_MB, own_mb: OWN_MEMORY_MB };
 
     /// Of a flight whose shared memory is taken before it is touched, and not locked.
