@@ -168,7 +168,7 @@ impl Flight {
 
     /// Who fills a role.
     pub(crate) fn name(&self, role: Role) -> &'static str {
-        Assignment::of(self.scenario.settings()).name(role).unwrap_or(role.label())
+        Assignment::of(self.scenario.settings()).name(role)
     }
 
     /// Flies the beginning of a shipped scenario in this process.

@@ -120,7 +120,7 @@ impl Running {
     pub(crate) fn start_and_fly(arguments: &[&str]) -> Self {
         let mut running = Self::start(arguments);
         // A candidate of its script may be there as soon as these are.
-        running.wait_in_flight("six processes", |running| processes_of(&running.id).len() >= 6);
+        running.wait_in_flight("its processes", |running| processes_of(&running.id).len() >= 7);
         running.wait_in_flight("the first samples", |running| {
             running.recording_path().is_some_and(|path| Recording::read(&path).has_begun("truth"))
         });

@@ -9,6 +9,7 @@ use crate::common::time::{wait_for, wait_until};
 use crate::common::{distance, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
+use shared_types::{AppliedCommand, Truth};
 use std::fs;
 use std::io::{BufRead as _, BufReader};
 use std::os::unix::process::CommandExt as _;
@@ -119,7 +120,7 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
     let flown_s = ps(&run).and_then(|status| status["flown_s"].as_f64()).expect("a running flight");
     running.kill_launcher();
     strike(owner, Signal::KILL);
-    wait_until("all but the dead fly on", || processes_of(&run).len() == 6);
+    wait_until("all but the dead fly on", || processes_of(&run).len() == 7);
     let adopter = Adopter::start(&run);
     let mut now = None;
     wait_until("the standby commands under the new launcher", || {
@@ -128,7 +129,7 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
     });
     let now = now.expect("just seen");
     let pilot = now["processes"].as_array().expect("processes").iter();
-    assert!(pilot.clone().any(|p| p["name"] == "pilot" && p["generation"] == 1), "{now}");
+    assert!(pilot.clone().any(|p| p["name"] == "pilot" && p["generation"] == 0), "{now}");
     let swap = ["swap", "attitude", "--to", "attitude-mpc", "--shadow", "400ms", "--run", &run];
     let swap = [&swap[..], &["--rollback", "100ms"]].concat();
     let mut said = (None, String::new());
@@ -160,7 +161,7 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
 }
 
 /// Loops without which nothing commands; they have one seat, and the one that is taken of several.
-const LOST: [&str; 3] = ["estimator", "attitude-mpc", "position-mpc"];
+const LOST: [&str; 4] = ["estimator", "attitude-mpc", "position-mpc", "pilot"];
 
 /// Of a launcher that dies as it takes over, the processes that it has started are ended by the next one, which tells the
 /// flight of those of its own.
@@ -350,6 +351,29 @@ fn without_a_launcher_the_processes_land_before_they_leave() {
         drop(spectator);
         assert_nothing_left(&run);
     }
+}
+
+#[test]
+fn without_a_launcher_an_order_is_flown_and_without_a_pilot_too_the_vehicle_lands() {
+    let running = realtime(&["--for", "600s", "--set", "launcher.launcher_grace_s=600"]);
+    let run = running.id().to_owned();
+    let mut spectator = Spectator::join(&run);
+    let said = say(&["goto", "1", "0", "1.5", "--run", &run]);
+    running.kill_launcher();
+    assert_eq!(said.0, Some(0), "{said:?}");
+    let goal = [1.0, 0.0, 1.5];
+    let is_there = |truth: &Truth, _: &AppliedCommand| distance(&truth.position_w_m, &goal) < 0.1;
+    spectator.wait_until("it is there", is_there);
+    running.signal("pilot", Signal::KILL);
+    spectator.wait_until("it lands", |truth, _| truth.position_w_m[2] < 0.1);
+    let adopter = Adopter::start(&run);
+    spectator.wait_until("another pilot leads it back", is_there);
+    drop(spectator);
+    assert!(kill(adopter.0.id(), Signal::INT));
+    let (code, summary, said) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {said}");
+    assert!(said.contains("pilot has died while the flight had no launcher"), "{said}");
+    assert_nothing_left(&run);
 }
 
 #[test]

@@ -24,7 +24,8 @@ use std::sync::OnceLock;
 use tempfile::TempDir;
 
 /// Services that are restarted from their last state.
-const MORTALS: [&str; 4] = ["estimator", "position-mpc", "attitude-mpc", "disturbance-injector"];
+const MORTALS: [&str; 5] =
+    ["estimator", "position-mpc", "attitude-mpc", "disturbance-injector", "pilot"];
 /// Exit code when a crash ended the flight.
 const CRASHED: i32 = 4;
 /// Exit code when the user ended the flight.
@@ -154,9 +155,14 @@ fn a_killed_injector_leaves_no_trace_in_a_lockstep_flight() {
     strike_in_lockstep("disturbance-injector");
 }
 
+#[test]
+fn a_killed_pilot_leaves_no_trace_in_a_lockstep_flight() {
+    strike_in_lockstep("pilot");
+}
+
 /// What two neighbours had between them dies with both, so the hash may be another one.
 #[test]
-fn all_four_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
+fn all_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
     for round in 0..rounds(1) {
         let flown = fly_and_strike(&[], &MORTALS, Signal::KILL, round);
         for victim in MORTALS {

@@ -16,8 +16,15 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use tempfile::TempDir;
 
-const SERVICES: [&str; 6] =
-    ["plant", "estimator", "position-mpc", "attitude-mpc", "disturbance-injector", "monitor"];
+const SERVICES: [&str; 7] = [
+    "plant",
+    "estimator",
+    "position-mpc",
+    "attitude-mpc",
+    "disturbance-injector",
+    "monitor",
+    "pilot",
+];
 
 /// A flight that lasts, and in which no process is started again because a machine is busy.
 fn fly_on() -> Running {
@@ -36,12 +43,12 @@ fn parent_of(pid: u32) -> u32 {
 }
 
 #[test]
-fn the_launcher_and_six_services_are_separate_processes_under_their_own_names() {
+fn the_launcher_and_seven_services_are_separate_processes_under_their_own_names() {
     let running = fly_on();
     let processes = processes_of(running.id());
     let names: BTreeSet<&str> = processes.iter().map(|p| p.arguments[0].as_str()).collect();
     assert_eq!(names, BTreeSet::from(SERVICES));
-    assert_eq!(processes.len(), 6, "{processes:?}");
+    assert_eq!(processes.len(), 7, "{processes:?}");
     for Process { pid, comm, arguments } in &processes {
         // Names of threads hold 15 characters.
         let name = arguments[0].as_str();

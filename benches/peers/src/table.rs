@@ -116,7 +116,7 @@ pub struct Table {
 }
 
 impl Table {
-    pub const PROCESSES: &str = "morphquad, seven processes";
+    pub const PROCESSES: &str = "morphquad, eight processes";
     pub const ONE_PROCESS: &str = "morphquad, one process";
 
     pub fn new(with_flights: bool) -> Self {

@@ -85,13 +85,13 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
     let settings = scenario.settings();
     let assignment = Assignment::of(settings);
     let usual = [Role::Attitude, Role::Position, Role::Estimator, Role::Plant];
-    let usual = usual.into_iter().filter_map(|role| assignment.name(role)).map(str::to_owned);
+    let usual = usual.into_iter().map(|role| assignment.name(role)).map(str::to_owned);
     let names: Vec<String> =
         if arguments.only.is_empty() { usual.collect() } else { arguments.only.clone() };
     let mut rates_hz = Vec::new();
     for name in &names {
         Override::rate(&format!("{name}=100"))?;
-        let filled = services::role_of(name).and_then(|role| assignment.name(role));
+        let filled = services::role_of(name).map(|role| assignment.name(role));
         rates_hz.extend(services::rate_hz(filled.unwrap_or(name), settings));
     }
     let words = scenario_words(&arguments.scenario, "5s");

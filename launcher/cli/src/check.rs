@@ -37,7 +37,7 @@ pub fn print_json(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     let loops = graph.nodes().iter().map(|node| {
         json!({
             "loop": node.role.label(),
-            "flown_by": assignment.name(node.role).unwrap_or("launcher"),
+            "flown_by": assignment.name(node.role),
             "rate_hz": node.rate.hz(),
             "lead_ns": node.lead_ns,
             "missed": missed(node),
@@ -94,7 +94,7 @@ fn loops(scenario: &Scenario, graph: &Graph, out: &mut dyn Write) -> io::Result<
             out,
             "{:<14}{:<22}{:>10}{:>14}{:>14}  {}",
             node.role.label(),
-            assignment.name(node.role).unwrap_or("launcher"),
+            assignment.name(node.role),
             format!("{} Hz", node.rate.hz()),
             milliseconds(node.rate.period_ns()),
             milliseconds(node.lead_ns),

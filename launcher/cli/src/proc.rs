@@ -26,7 +26,6 @@ fn fly(service: &str, role: Role, place: PlaceArguments) -> Result<Ending, HostE
     let joined = Joined::join(service, role, place)?;
     let scenario = Scenario::load(&file.to_string_lossy(), &[])
         .map_err(|error| HostError::Build(error.into()))?;
-    let component =
-        components::build_service(Some(service), &scenario).map_err(HostError::Build)?;
+    let component = components::build_service(service, &scenario).map_err(HostError::Build)?;
     joined.fly(component)
 }

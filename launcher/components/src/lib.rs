@@ -41,11 +41,11 @@ pub fn build(
     build_service(assignment.name(role), scenario)
 }
 
-/// Builds a service by name; the pilot has none.
+/// Builds a service by name.
 ///
 /// # Errors
 /// The component refuses its configuration.
-pub fn build_service(name: Option<&str>, scenario: &Scenario) -> Result<Component, BuildError> {
+pub fn build_service(name: &str, scenario: &Scenario) -> Result<Component, BuildError> {
     struct Forget;
     impl ServiceVisitor for Forget {
         type Output = Component;
@@ -56,12 +56,12 @@ pub fn build_service(name: Option<&str>, scenario: &Scenario) -> Result<Componen
     visit_service(name, scenario, Forget)
 }
 
-/// Builds a service by name, the pilot without one, and hands it to the visitor.
+/// Builds a service by name and hands it to the visitor.
 ///
 /// # Errors
 /// There is no such service, or the component refuses its configuration.
 pub fn visit_service<V: ServiceVisitor>(
-    name: Option<&str>,
+    name: &str,
     scenario: &Scenario,
     visitor: V,
 ) -> Result<V::Output, BuildError> {
@@ -70,7 +70,7 @@ pub fn visit_service<V: ServiceVisitor>(
     macro_rules! visit_controller {
         ([] $($name:literal $section:ident $settings:ty,)*) => {
             match name {
-                $(Some($name) => {
+                $($name => {
                     let service = settings.$section.build(&scenario.flight_facts())?;
                     return Ok(visitor.visit(service, 1));
                 })*
@@ -80,14 +80,14 @@ pub fn visit_service<V: ServiceVisitor>(
     }
     scenario::with_controllers!(visit_controller []);
     Ok(match name {
-        Some("plant") => {
+        "plant" => {
             visitor.visit(Plant::new(&scenario.plant_config()?)?, settings.plant.state_every.into())
         }
-        Some("estimator") => {
+        "estimator" => {
             let (config, initial) = scenario.filter()?;
             visitor.visit(Estimator::new(config, &initial)?, settings.estimator.state_every.into())
         }
-        Some("disturbance-injector") => {
+        "disturbance-injector" => {
             let section = &settings.disturbance_injector;
             let config = section.injector_config();
             visitor.visit(
@@ -95,9 +95,8 @@ pub fn visit_service<V: ServiceVisitor>(
                 section.state_every.into(),
             )
         }
-        Some("monitor") => visitor.visit(Monitor::new(&scenario.monitor_config(), &vehicle), 1),
-        Some(other) => return Err(format!("no service is called `{other}`").into()),
-        None => match scenario.plan() {
+        "monitor" => visitor.visit(Monitor::new(&scenario.monitor_config(), &vehicle), 1),
+        "pilot" => match scenario.plan() {
             Plan::Flight(config) => {
                 let service = Pilot::new(&config, &vehicle)?;
                 visitor.visit(service, PILOT_STATE_EVERY)
@@ -107,6 +106,7 @@ pub fn visit_service<V: ServiceVisitor>(
                 visitor.visit(service, PILOT_STATE_EVERY)
             }
         },
+        other => return Err(format!("no service is called `{other}`").into()),
     })
 }
 
@@ -136,8 +136,8 @@ pub fn state_layouts(scenario: &Scenario) -> Result<Vec<StateLayout>, BuildError
     for role in graph.nodes().iter().map(|node| node.role) {
         layouts.push(layout(role, &build(&assignment, role, scenario)?));
         // A service that does not fit the scenario has not flown in it.
-        let others = names_for(role).filter(|name| Some(*name) != assignment.name(role));
-        let others = others.filter_map(|name| build_service(Some(name), scenario).ok());
+        let others = names_for(role).filter(|name| *name != assignment.name(role));
+        let others = others.filter_map(|name| build_service(name, scenario).ok());
         layouts.extend(others.map(|component| layout(role, &component)));
     }
     Ok(layouts)
@@ -154,7 +154,7 @@ mod tests {
     fn every_service_begins_with_a_state_that_a_process_can_go_on_from() {
         let scenario = Scenario::load("figure8-morph", &[]).expect("a shipped scenario");
         let mut built = 0;
-        for name in names().map(Some).chain([None]) {
+        for name in names() {
             let component = build_service(name, &scenario).expect("it fits this scenario");
             let layout = *component.layout();
             let mut state = vec![0; layout.state_size()];

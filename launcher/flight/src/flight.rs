@@ -16,7 +16,6 @@ use super::checkpoint::{CheckpointWriter, Of};
 use super::conductor::Conductor;
 use super::grants::Grants;
 use super::live::{Live, View};
-use super::pilot_thread::PilotEnd;
 use super::processes::Processes;
 use super::rehearser::Rehearser;
 use super::stall::Newcomers;
@@ -45,7 +44,6 @@ use simulate::setup::{
     require_own_proc, require_processor, require_tasks, run_id, system,
 };
 use slot::supervisor::Now;
-use std::thread::JoinHandle;
 use swap::services::{HeldServices, Wakers};
 use swap::{FlightError, Script, SlotContext, Slots};
 use timed::Timed;
@@ -143,14 +141,14 @@ fn fly(
         (live, checkpoint_writer, described),
     )?;
     flight.tap.sinks.stopwatch = stopwatch;
-    let started = flight.start(&membership, options, &grants);
+    let started = flight.start(options, &grants);
     let outcome = match started {
         Ok(()) => {
             unflown.begins();
             flight.fly()
         }
         Err(error) => {
-            flight.abort();
+            flight.supervisor.kill_all();
             return Err(error);
         }
     };
@@ -179,8 +177,6 @@ struct Flight {
     asked: Vec<(Request, Answer)>,
     tap: Tap,
     wakers: Wakers,
-    pilot: Option<JoinHandle<PilotEnd>>,
-    pilot_stop: StopFlags,
     stop: StopFlags,
     bus: Bus,
     live: Live,

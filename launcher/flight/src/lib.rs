@@ -9,7 +9,6 @@ mod disorder;
 mod flight;
 mod grants;
 mod live;
-mod pilot_thread;
 mod processes;
 mod rehearser;
 mod stall;

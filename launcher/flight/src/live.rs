@@ -70,7 +70,7 @@ impl Live {
     /// Answers everything that has been asked, and gives back the orders; call at every look around.
     pub(super) fn serve(&mut self, view: &View<'_>, now_mono_ns: u64) -> Vec<(Request, Answer)> {
         let mut orders = Vec::new();
-        for member in view.members() {
+        for member in view.supervisor.members() {
             let mark_ns = view.marks.of_seat(member.seat, member.generation);
             let begun = Seen { mark_ns, since_mono_ns: now_mono_ns };
             let seen = self.seen.entry(member.seat).or_insert(begun);
@@ -104,6 +104,7 @@ impl Live {
             launcher_pid: std::process::id(),
             recording: recording.clone(),
             processes: view
+                .supervisor
                 .members()
                 .map(|member| self.process(view, member, now_mono_ns))
                 .collect(),
@@ -132,23 +133,10 @@ impl Live {
 }
 
 impl View<'_> {
-    /// Every process, and the pilot, which is a thread of this one.
-    fn members(&self) -> impl Iterator<Item = Member<'_>> {
-        let pilot = self.graph.node(Role::Pilot).map(|_| Member {
-            seat: Seat::first(Role::Pilot),
-            name: Role::Pilot.label(),
-            pid: Some(std::process::id()),
-            generation: self.supervisor.pilot_generation(),
-            ready: true,
-            finished: false,
-        });
-        self.supervisor.members().chain(pilot)
-    }
-
     /// Name of the process that sits on a seat of a slot.
     fn name_on(&self, slot: Role, index: u32) -> Option<String> {
         let seat = Seat { role: self.graph.slot_holder(slot), index };
-        let member = self.members().find(|member| member.seat == seat)?;
+        let member = self.supervisor.members().find(|member| member.seat == seat)?;
         Some(member.name.to_owned())
     }
 }

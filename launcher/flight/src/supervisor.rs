@@ -78,8 +78,6 @@ pub(super) struct Supervisor {
     orders: OrderSinks,
     events: Vec<PostEvent>,
     checkpoint_writer: CheckpointWriter,
-    /// The pilot of a flight that was taken over: it joins in flight.
-    pilot: Option<Post>,
     /// Logical time of a flight that was taken over.
     wall: Option<WallMap>,
     /// When a process joined last, by `CLOCK_MONOTONIC` \[ns\].
@@ -113,7 +111,6 @@ impl Supervisor {
             orders: OrderSinks::open(bus)?,
             events: Vec::new(),
             checkpoint_writer,
-            pilot: None,
             wall: None,
             joined_mono_ns: 0,
             notices: Vec::new(),
@@ -150,7 +147,7 @@ impl Supervisor {
                 });
             }
         }
-        for joined in self.take_hellos(true, tap) {
+        for joined in self.take_hellos(tap) {
             // The pilot holds the position slot of a rig flight.
             let role = joined.seat.role;
             let rigged = |slot: &&mut SlotOwner| {
@@ -176,7 +173,7 @@ impl Supervisor {
 
     /// Lets processes that have just joined see owners and states.
     fn serve_late_joiners(&mut self) {
-        self.posts.iter_mut().chain(&mut self.pilot).for_each(Post::serve_late_joiners);
+        self.posts.iter_mut().for_each(Post::serve_late_joiners);
         self.slots.iter_mut().for_each(SlotOwner::serve_late_joiners);
         self.orders.serve_late_joiners();
         self.registry.serve_late_joiners();
@@ -186,7 +183,7 @@ impl Supervisor {
     pub(super) fn not_ready(&self) -> String {
         let waiting = self.posts.iter().filter(|post| !post.ready);
         let names: Vec<_> = waiting.map(|post| post.spec.name.as_str()).collect();
-        if names.is_empty() { "pilot".to_owned() } else { names.join(", ") }
+        names.join(", ")
     }
 
     /// Who takes part now.
@@ -220,14 +217,13 @@ impl Supervisor {
             }
         }
         let now_logical_ns = self.wall.map_or(0, |wall| wall.logical_ns(now_ns));
-        for joined in self.take_hellos(false, tap) {
+        for joined in self.take_hellos(tap) {
             let seat = joined.seat;
-            let mut posts = self.posts.iter_mut().chain(&mut self.pilot);
-            let post = posts.find(|post| post.seat == seat);
+            let post = self.posts.iter_mut().find(|post| post.seat == seat);
             let Some(post) = post.filter(|post| post.awaits_handover) else { continue };
             if post.goes_on {
                 // It is in the registry before it can say a word.
-                let state = own_state(post, tap).filter(|_| seat.role != Role::Pilot);
+                let state = own_state(post, tap);
                 let order = Handover {
                     has_state: Flag::from(state.is_some()),
                     join_ns: if state.is_some() { 0 } else { now_logical_ns },

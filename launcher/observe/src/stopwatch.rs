@@ -159,12 +159,7 @@ impl Stopwatch {
         processes: impl Iterator<Item = (Role, u32, &'a str, u32)>,
     ) {
         let seen = processes.filter_map(|(role, seat, name, pid)| {
-            let usage = if role == Role::Pilot {
-                Usage::of_own_thread(name)?
-            } else {
-                Usage::of_process(pid)?
-            };
-            Some(Seen { name: name.to_owned(), role, seat, pid, usage })
+            Some(Seen { name: name.to_owned(), role, seat, pid, usage: Usage::of_process(pid)? })
         });
         let mut seen: Vec<Seen> = seen.collect();
         // The recorder is in it, and whatever else is done for the flight.

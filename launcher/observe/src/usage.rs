@@ -3,7 +3,7 @@
 use rustix::param::{clock_ticks_per_second, page_size};
 use serde::{Deserialize, Serialize};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Totals of one process, or of one thread, since its start.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -28,16 +28,6 @@ impl Usage {
     #[must_use]
     pub fn of_process(pid: u32) -> Option<Self> {
         Self::read(Path::new(&format!("/proc/{pid}")))
-    }
-
-    /// Of the thread of this process that has this name; none if there is none.
-    #[must_use]
-    pub fn of_own_thread(name: &str) -> Option<Self> {
-        let is_named = |task: &PathBuf| {
-            fs::read_to_string(task.join("comm")).is_ok_and(|comm| comm.trim_end() == name)
-        };
-        let tasks = fs::read_dir("/proc/self/task").ok()?.flatten().map(|entry| entry.path());
-        Self::read(&tasks.into_iter().find(is_named)?)
     }
 
     fn read(folder: &Path) -> Option<Self> {
@@ -178,9 +168,8 @@ mod tests {
     }
 
     #[test]
-    fn this_process_is_there_and_a_thread_is_found_by_its_name() {
+    fn this_process_is_there_and_one_of_no_number_is_not() {
         assert!(Usage::of_process(std::process::id()).is_some_and(|u| u.rss_bytes > 1 << 18));
         assert_eq!(Usage::of_process(u32::MAX), None);
-        assert_eq!(Usage::of_own_thread("no such thread"), None);
     }
 }

@@ -34,7 +34,7 @@ pub(super) struct Replayed {
 /// itself stays as it was in `flight`.
 pub(super) fn fly_again(
     flight: &RecordedFlight,
-    (role, service): (Role, Option<&str>),
+    (role, service): (Role, &str),
     scenario: &Scenario,
     recorded: &Recorded,
     lives: &[Life],

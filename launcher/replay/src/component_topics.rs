@@ -14,11 +14,7 @@ pub(super) struct Topics {
 
 impl Topics {
     /// Of a service that fills `role` in `scenario`.
-    pub(super) fn of(
-        service: Option<&str>,
-        role: Role,
-        scenario: &Scenario,
-    ) -> Result<Self, ReplayError> {
+    pub(super) fn of(service: &str, role: Role, scenario: &Scenario) -> Result<Self, ReplayError> {
         let component = build_service(service, scenario).map_err(ReplayError::component(role))?;
         let layout = component.layout();
         let read = layout.reads().map(|topic| topic.name).collect();
@@ -29,9 +25,9 @@ impl Topics {
     pub(super) fn of_all(role: Role, scenario: &Scenario) -> Result<Self, ReplayError> {
         let begins = Assignment::of(scenario.settings()).name(role);
         let mut all = Self::of(begins, role, scenario)?;
-        for name in names_for(role).filter(|name| Some(*name) != begins) {
+        for name in names_for(role).filter(|name| *name != begins) {
             // A service that does not fit the scenario has not flown in it.
-            if let Ok(other) = Self::of(Some(name), role, scenario) {
+            if let Ok(other) = Self::of(name, role, scenario) {
                 all.read.extend(other.read);
                 all.written.extend(other.written);
             }

@@ -76,7 +76,7 @@ pub fn depart(flight: &RecordedFlight, who: &Who, with: &With) -> Result<Departu
     let (recorded, flown) = flown(flight, who, &topics)?;
     let other = match with {
         With::Service { name, overrides } => {
-            let service = name.or_else(|| flown.service());
+            let service = name.unwrap_or_else(|| flown.service());
             let scenario = changed(flight, overrides)?;
             fly_again(flight, (role, service), &scenario, &recorded, &flown.lives)?.tapes
         }
@@ -100,12 +100,12 @@ struct Flown {
     /// How another build is told of it.
     label: String,
     /// Who began in its role.
-    begins: Option<&'static str>,
+    begins: &'static str,
 }
 
 impl Flown {
     /// A service with its ports: its own, or that of who began.
-    fn service(&self) -> Option<&'static str> {
+    fn service(&self) -> &'static str {
         if let MadeOf::Known(service) = self.made_of { service } else { self.begins }
     }
 }

@@ -155,7 +155,7 @@ pub(super) fn instances(
 ) -> Vec<(Instance, Vec<Life>)> {
     let deviations = recorded.tapes.of(&topics::DEVIATION);
     let stats = recorded.tapes.of(&topics::LOOP_STATS);
-    let begins = assignment.name(role).unwrap_or(role.label());
+    let begins = assignment.name(role);
     let mut by_instance: Vec<(Instance, Vec<Life>)> = Vec::new();
     // By seat: who is there.
     let mut there: BTreeMap<u32, String> = BTreeMap::new();
@@ -251,18 +251,14 @@ pub(super) fn service_of(instance: &Instance, recorded: &Recorded, lives: &[Life
         return Service::Configured;
     }
     let known = services::names_for(instance.role).find(|name| *name == instance.name);
-    match known {
-        Some(name) => Service::Known(Some(name)),
-        None if instance.role == Role::Pilot => Service::Known(None),
-        None => Service::Foreign,
-    }
+    known.map_or(Service::Foreign, Service::Known)
 }
 
 /// What an instance was made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Service {
-    /// A service of this build, by its name; the pilot has none.
-    Known(Option<&'static str>),
+    /// A service of this build, by its name.
+    Known(&'static str),
     /// One with a scenario of its own, which the recording does not hold.
     Configured,
     /// A foreign executable.

@@ -14,13 +14,14 @@ use plant::gate::UnprovenRange;
 use position_mpc::PositionLawConfig;
 use shared_types::{Role, Slot};
 
-/// From the end of a descent until the vehicle stands still on the ground, and by how much the descent may have begun
-/// late: the last reference is ahead of its time, and a landing begins half a second after it at least \[s\].
+/// From the end of a descent until the vehicle stands still on the ground, and by how much it may have begun late: the last
+/// reference is ahead of its time \[s\].
 const SETTLE_S: f64 = 2.0;
 
-/// How long the vehicle needs to land from a height \[s\].
-pub(crate) fn landing_s(landing: &Landing, height_m: f64) -> f64 {
-    landing.lasts_s(height_m) + SETTLE_S
+/// How long the vehicle needs to land from a height once no reference comes any more \[s\].
+pub(crate) fn landing_s(height_m: f64) -> f64 {
+    let landing = Landing::default();
+    landing.after_s + landing.lasts_s(height_m) + SETTLE_S
 }
 
 impl Scenario {
@@ -89,18 +90,13 @@ impl Scenario {
             wrench_latency_s: settings.latency.wrench_command_s,
             setpoint_latency_s: settings.latency.attitude_setpoint_s,
             setpoint_bounds: bounds(&PositionLawConfig::default()),
-            landing: self.landing(),
+            landing: Landing::default(),
         };
         // Without the MPC's own, of which its section is refused, other position controllers are judged by the usual ones.
         if let Ok(law) = settings.position_mpc.law_config((&facts).into()) {
             facts.setpoint_bounds = bounds(&law);
         }
         facts
-    }
-
-    /// What position controllers fly without a reference.
-    pub(crate) fn landing(&self) -> Landing {
-        Landing { after_s: self.settings.launcher.launcher_grace_s, ..Landing::default() }
     }
 
     /// The law of the attitude MPC.
@@ -133,7 +129,7 @@ impl Scenario {
             limits: self.settings.monitor_limits(),
             period_s: 1.0 / monitor.rate_hz,
             latency_s: latency.trip_s,
-            landing: self.landing(),
+            landing: Landing::default(),
             keeps_to_rotors: self.keeps_to_rotors(),
         }
     }

@@ -18,7 +18,7 @@ pub struct LauncherSettings {
     /// the actuation guard holds, so that a successor still finds the vehicle flying.
     #[garde(range(min = 0.05, max = 600.0))]
     pub lag_timeout_s: f64,
-    /// How long the vehicle hovers after the launcher's death, for another one to take over: then it lands and the
+    /// How long the flight goes on after the launcher's death, for another one to take over: then the vehicle lands and the
     /// processes leave; in lockstep, where none can, 2 s at most \[s\].
     #[garde(range(min = 0.0, max = 3600.0))]
     pub launcher_grace_s: f64,

@@ -5,7 +5,6 @@ mod tests;
 
 use super::settings::Settings;
 use crate::candidate::{Candidate, NoCandidate, name_of, unstartable};
-use crate::process::has_process;
 use crate::services::Assignment;
 use document::{Complaint, suggestion};
 use garde::Validate;
@@ -207,10 +206,10 @@ fn check_standbys(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
 fn check_faults(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     let mut complaints = Vec::new();
     let end_s = settings.scenario.duration_s;
-    let flown = graph.nodes().iter().map(|node| node.role).filter(|role| has_process(*role));
     let assignment = Assignment::of(settings);
     let candidates = settings.candidates().map(name_of);
-    let names = flown.filter_map(|role| assignment.name(role)).chain(candidates);
+    let flown = graph.nodes().iter().map(|node| assignment.name(node.role));
+    let names = flown.chain(candidates);
     let mut known: Vec<&str> = Vec::new();
     for name in names {
         if !known.contains(&name) {

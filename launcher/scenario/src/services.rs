@@ -19,8 +19,8 @@ pub(crate) struct Loop {
 
 macro_rules! loops {
     ([] $($name:literal $section:ident $settings:ty,)*) => {
-        /// The built-in services in data-flow order, the first of a role filling it unless another one is asked for; then
-        /// the pilot, which is no process. Controllers of a slot run at the rate of its MPC unless they have their own.
+        /// The built-in services in data-flow order, the first of a role filling it unless another one is asked for.
+        /// Controllers of a slot run at the rate of its MPC unless they have their own.
         pub(crate) const LOOPS: &[Loop] = &[
             Loop::new("plant", "plant", Role::Plant, |s| s.plant.rate_hz),
             Loop::new("estimator", "estimator", Role::Estimator, |s| s.estimator.rate_hz),
@@ -71,20 +71,15 @@ impl Loop {
     }
 }
 
-/// Those that are processes.
-fn services() -> impl Iterator<Item = &'static Loop> + Clone {
-    LOOPS.iter().filter(|known| known.role != Role::Pilot)
-}
-
 /// Names of all built-in services.
 pub fn names() -> impl Iterator<Item = &'static str> + Clone {
-    services().map(|service| service.name)
+    LOOPS.iter().map(|service| service.name)
 }
 
 /// Role that a service fills.
 #[must_use]
 pub fn role_of(name: &str) -> Option<Role> {
-    services().find(|service| service.name == name).map(|service| service.role)
+    LOOPS.iter().find(|service| service.name == name).map(|service| service.role)
 }
 
 /// Rate at which a loop steps in a scenario \[Hz\], by its name or that of its role; none if there is no such loop.
@@ -112,16 +107,16 @@ pub fn fillings() -> Vec<String> {
 
 /// Services that fill `role`.
 pub fn names_for(role: Role) -> impl Iterator<Item = &'static str> + Clone {
-    services().filter(move |service| service.role == role).map(|service| service.name)
+    LOOPS.iter().filter(move |service| service.role == role).map(|service| service.name)
 }
 
 /// Who fills which role.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Assignment([Option<&'static str>; ROLES]);
+pub struct Assignment([&'static str; ROLES]);
 
 impl Default for Assignment {
     fn default() -> Self {
-        Self(Role::STEPPING.map(|role| names_for(role).next()))
+        Self(Role::STEPPING.map(|role| Loop::of(role).map_or(role.label(), |first| first.name)))
     }
 }
 
@@ -137,23 +132,23 @@ impl Assignment {
         assignment
     }
 
-    /// Name of the service that fills a role; the pilot has none.
+    /// Name of the service that fills a role.
     #[must_use]
-    pub fn name(&self, role: Role) -> Option<&'static str> {
-        self.0.get(role.index()).copied().flatten()
+    pub fn name(&self, role: Role) -> &'static str {
+        self.0.get(role.index()).copied().unwrap_or(role.label())
     }
 
     /// Rate of the loop that fills a role \[Hz\].
     #[must_use]
     pub fn rate_hz(&self, role: Role, settings: &Settings) -> f64 {
-        rate_hz(self.name(role).unwrap_or("pilot"), settings).unwrap_or_default()
+        rate_hz(self.name(role), settings).unwrap_or_default()
     }
 
     /// Lets another service fill a role. False if the service is of another role.
     #[must_use]
     pub fn swap(&mut self, role: Role, service: &str) -> bool {
         let found = names_for(role).find(|name| *name == service);
-        if let (Some(slot), Some(_)) = (self.0.get_mut(role.index()), found) {
+        if let (Some(slot), Some(found)) = (self.0.get_mut(role.index()), found) {
             *slot = found;
         }
         found.is_some()

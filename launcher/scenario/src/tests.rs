@@ -407,7 +407,7 @@ fn a_section_under_the_name_of_before_is_read_with_a_warning() {
     assert_eq!(told, [("crew", Some("old.toml")), ("crew", Some("command line"))]);
     let assignment = services::Assignment::of(scenario.settings());
     let flies = [Role::Attitude, Role::Position].map(|role| assignment.name(role));
-    assert_eq!(flies, [Some("attitude-lqr"), Some("position-pid")]);
+    assert_eq!(flies, ["attitude-lqr", "position-pid"]);
     let whole =
         Scenario::from_text("new.toml", "", &[set("realtime={watch={priority=7}}")]).unwrap();
     assert_eq!(whole.settings().realtime.monitor.priority, Some(7));

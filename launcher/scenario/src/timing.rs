@@ -183,7 +183,7 @@ impl TimingSettings {
         // By the name of its role it is about any service that fills that.
         let own = Some(known.name).filter(|_| name.trim().replace('_', "-") != role.label());
         let assignment = Assignment::of(settings);
-        let usual = assignment.name(role).unwrap_or(role.label());
+        let usual = assignment.name(role);
         if own.is_some_and(|own| own != usual && settings.candidates().all(|name| name != own)) {
             let what = format!("{name} does not fly in this flight");
             return refuse("loop", what, format!("name {usual}, or {} for any", role.label()));

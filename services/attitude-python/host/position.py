@@ -12,7 +12,7 @@ OUTPUTS = ("attitude_setpoint", "position_report")
 # Largest roll and pitch [rad]; least and largest thrust over the weight.
 TILT_MAX_RAD = 0.35
 THRUST_WEIGHTS = (0.3, 2.0)
-# Without a reference for as long as the launcher's grace the vehicle sinks at this rate [m/s].
+# Without a reference for `hover_s` the vehicle sinks at this rate [m/s].
 LANDING_M_S = 0.5
 # The reference's acceleration is taken so far ahead: the attitude loop answers that much later [ns].
 LEAD_NS = 50_000_000
@@ -39,7 +39,7 @@ class Position:
     `law.applied(sample, wish, given)` with what was wished for and what the bounds left of it."""
 
     def __init__(self, law, vehicle, flight):
-        self._law, self._vehicle, self._grace_s = law, vehicle, flight["grace_s"]
+        self._law, self._vehicle, self._hover_s = law, vehicle, flight["hover_s"]
         self._bounds_n = tuple(weights * vehicle.weight_n for weights in THRUST_WEIGHTS)
         # Pitch and roll at heading zero [rad], and thrust [N].
         self._command = (0.0, 0.0, vehicle.weight_n)
@@ -78,7 +78,7 @@ class Position:
         (x, y, z), velocity = point.position_w_m, tuple(point.velocity_w_m_s)
         if index >= count:
             # The reference does not say any more where to go: hover, and land after a while.
-            landing_s = max(0.0, age_ns * 1e-9 - self._grace_s)
+            landing_s = max(0.0, age_ns * 1e-9 - self._hover_s)
             height_m = max(0.0, z - LANDING_M_S * landing_s)
             return ((x, y, height_m), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), point.yaw_rad
         since_s, spacing_s = (age_ns % spacing_ns) * 1e-9, spacing_ns * 1e-9

@@ -111,7 +111,7 @@ class PositionLaw(unittest.TestCase):
 
     def position(self):
         law = position_pd.PositionPd(VEHICLE, 0.02, position_pd.GAINS)
-        return Position(law, VEHICLE, {"grace_s": 2.0})
+        return Position(law, VEHICLE, {"hover_s": 2.0})
 
     def step(self, target_m, followed=None, position=None):
         """Pitch, roll and thrust of the set point, from rest at the origin."""

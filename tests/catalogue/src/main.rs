@@ -49,7 +49,7 @@ fn fly(arguments: Arguments) -> Result<Ending, HostError> {
     let first = scenario::services::names_for(slot.role()).next().unwrap_or_default();
     let law = entry.law.clone().unwrap_or_else(|| first.to_owned());
     let builder = Builder { joined, entry, largest, period_ns };
-    components::visit_service(Some(&law), &scenario, builder).map_err(HostError::Build)?
+    components::visit_service(&law, &scenario, builder).map_err(HostError::Build)?
 }
 
 fn main() -> ExitCode {

@@ -16,7 +16,7 @@ const SETTLE_S: f64 = 0.3;
 const STOPPED_S: f64 = 0.5;
 
 /// What flies alone in its role and is started again when it dies.
-const ALONE: [&str; 3] = ["estimator", "disturbance-injector", "monitor"];
+const ALONE: [&str; 4] = ["estimator", "disturbance-injector", "monitor", "pilot"];
 
 /// One order or fault.
 #[derive(Debug, Clone, PartialEq)]

@@ -34,6 +34,7 @@ fn a_process_that_dies_or_hangs_in_a_flight_by_a_script_changes_no_bit() {
     for (name, signal) in [
         ("estimator", Signal::KILL),
         ("attitude-mpc", Signal::KILL),
+        ("pilot", Signal::KILL),
         ("position-mpc", Signal::STOP),
     ] {
         for _ in 0..rounds(1) {

@@ -72,7 +72,7 @@ impl Sums<'_> {
             for (key, steps, cold) in seats {
                 let mut seen = self.watch.looks.iter().flat_map(|look| &look.seen);
                 let seen = seen.find(|s| (s.role, s.seat) == key).map(|s| s.name.as_str());
-                let usual = assignment.name(node.role).unwrap_or(node.role.label());
+                let usual = assignment.name(node.role);
                 let mut name = seen.unwrap_or(usual).to_owned();
                 if key.1 > 0 {
                     name = format!("{name}@{}", key.1);
@@ -180,7 +180,7 @@ impl Sums<'_> {
         steps: &[(String, Steps)],
     ) -> (Vec<PathReport>, Vec<(String, Chains)>) {
         let assignment = Assignment::of(self.plan.scenario.settings());
-        let name = |role: Role| assignment.name(role).unwrap_or(role.label());
+        let name = |role: Role| assignment.name(role);
         let compute = |role: Role| -> Option<Quantiles> {
             let found = steps.iter().find(|(known, _)| known == name(role));
             found.and_then(|(_, steps)| steps.compute.quantiles())

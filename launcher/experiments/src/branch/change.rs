@@ -155,7 +155,7 @@ impl Change {
             }
         } else if assignment != Assignment::of(recorded.settings()) {
             for role in Slot::ALL.map(Slot::role) {
-                let name = assignment.name(role).unwrap_or_default();
+                let name = assignment.name(role);
                 edits.push(Override::controller(&format!("{}={name}", role.label()))?);
             }
         }

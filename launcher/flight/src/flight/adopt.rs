@@ -6,7 +6,6 @@ use super::{Flight, LOOK_EVERY_NS, Outcome};
 use crate::checkpoint::{Checkpoint, CheckpointError, CheckpointWriter, Of};
 use crate::conductor::Conductor;
 use crate::live::Live;
-use crate::pilot_thread::{self, Entry};
 use crate::supervisor::{StartedFirst, Supervisor};
 use document::ScenarioError;
 use protocol::control::SOCKET;
@@ -134,7 +133,7 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
     let mut flight =
         Flight::find(&options, &membership, stop, &mut checkpoint, (path.as_deref(), recording))?;
     let who = before.map_or_else(String::new, |leader| format!(" from process {}", leader.pid));
-    let outcome = match flight.take_over(&checkpoint, &membership, &options) {
+    let outcome = match flight.take_over(&checkpoint) {
         Ok(()) => {
             let s = flight.begun.0 as f64 * 1e-9;
             flight.notice(&format!("took run {run} over at {s:.3} s{who}, which had died"));
@@ -253,14 +252,9 @@ impl Flight {
         Ok(Self::of(prepared, options)?)
     }
 
-    /// Takes the lead: says again what the launcher before has said last, brings the pilot back, and
-    /// goes on with each slot as its consumer has it.
-    fn take_over(
-        &mut self,
-        checkpoint: &Checkpoint,
-        membership: &Membership,
-        options: &RunOptions,
-    ) -> Result<(), String> {
+    /// Takes the lead: says again what the launcher before has said last, and goes on with each slot as its consumer has
+    /// it.
+    fn take_over(&mut self, checkpoint: &Checkpoint) -> Result<(), String> {
         let now_ns = mono_now_ns();
         self.begun = (self.conductor.wall_ns(now_ns), now_ns);
         self.progress_at = (now_ns, 0);
@@ -271,15 +265,6 @@ impl Flight {
         self.conductor.say_again();
         let led = self.supervisor.go_on(checkpoint, &mut self.tap);
         led.map_err(|error| error.to_string())?;
-        let pilot = pilot_thread::start(
-            options.scenario.clone(),
-            self.graph.clone(),
-            &membership.ipc_config(),
-            self.pilot_stop.clone(),
-            if let Pin::Cpu(cpu) = options.pin { Some(cpu) } else { None },
-            Entry::InFlight { generation: self.supervisor.pilot_generation() },
-        );
-        self.pilot = Some(pilot.map_err(|error| format!("cannot start the pilot: {error}"))?);
         self.listen(checkpoint);
         for record in &checkpoint.owners {
             let posts = &checkpoint.posts;

@@ -8,22 +8,6 @@ use simulate::setup::RunOptions;
 use std::path::PathBuf;
 
 impl Flight {
-    /// Stops a flight that never started.
-    pub(super) fn abort(&mut self) {
-        self.supervisor.kill_all();
-        self.stop_pilot();
-    }
-
-    fn stop_pilot(&mut self) -> Option<String> {
-        self.pilot_stop.request();
-        let ended = self.pilot.take()?.join();
-        match ended {
-            Ok(Ok(_)) => None,
-            Ok(Err(error)) => Some(format!("pilot: {error}")),
-            Err(_) => Some("pilot: panicked".to_owned()),
-        }
-    }
-
     pub(super) fn conclude(
         mut self,
         outcome: Outcome,
@@ -36,7 +20,6 @@ impl Flight {
         if matches!(outcome, Outcome::Killed | Outcome::Lost(_)) {
             self.supervisor.kill_all();
         }
-        let pilot_error = self.stop_pilot();
         // All have left. What they leave behind goes with the run, which is wiped whole.
         self.tap.drain(mono_now_ns());
         if let Some(bar) = &self.progress {
@@ -67,7 +50,7 @@ impl Flight {
             swaps: core::mem::take(&mut self.slots.reports),
             orders: core::mem::take(&mut self.orders.reports),
             notices: core::mem::take(&mut self.notices),
-            lost: pilot_error,
+            lost: None,
             interrupted: false,
             cut_short: self.conductor.is_cut_short(),
             recording: recording_path,

@@ -8,7 +8,6 @@ use crate::conductor::Conductor;
 use crate::disorder;
 use crate::grants::Grants;
 use crate::live::Live;
-use crate::pilot_thread::{self, Entry};
 use crate::rehearser::Rehearser;
 use crate::stall::Newcomers;
 use crate::supervisor::{RestartPolicy, Supervisor};
@@ -27,13 +26,12 @@ use scenario::Scenario;
 use scenario::needs::{MemoryNeed, locks};
 use scenario::orders::Planner;
 use scenario::process::OWN_EXECUTABLE;
-use scenario::process::has_process;
 use scenario::services::Assignment;
 use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Hello, Role};
 use simulate::Sinks;
 use simulate::setup::{
-    Pin, RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar, system,
+    Pin, RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar,
 };
 use swap::child::{ChildSpec, Launch};
 use swap::services::{HeldServices, Wakers};
@@ -114,17 +112,16 @@ impl Flight {
         let cpu = pinned_cpu(options.pin, clock_of(scenario));
         let assignment = Assignment::of(scenario.settings());
         let spec = |role: Role| {
-            let (name, executable) = (assignment.name(role)?.to_owned(), OWN_EXECUTABLE.into());
+            let (name, executable) = (assignment.name(role).to_owned(), OWN_EXECUTABLE.into());
             let launch = Launch::Service { config: None };
             // Loops that take turns do so fastest on one processor. One that is quiet flies beside them, unless the
             // recorder needs what else there is.
             let may_be_quiet = graph.quiet_limit_ns(role) > 0;
             let is_free = options.pin == Pin::Auto && may_be_quiet && recording.is_none();
             let cpu = cpu.filter(|_| !is_free);
-            Some((role, ChildSpec { name, executable, launch, cpu, nice: None, pause_ns: 0 }))
+            (role, ChildSpec { name, executable, launch, cpu, nice: None, pause_ns: 0 })
         };
-        let processes = roles.iter().filter(|role| has_process(**role));
-        let mut specs: Vec<_> = processes.filter_map(|&role| spec(role)).collect();
+        let mut specs: Vec<_> = roles.iter().map(|&role| spec(role)).collect();
         if let Some(seed) = options.disorder {
             disorder::shuffle(&mut specs, seed, &allowed_processors()?);
         }
@@ -188,8 +185,6 @@ impl Flight {
             orders: Planner::of(&options.scenario)
                 .map_err(|error| RunError::NotReady(format!("pilot: {error}")))?,
             graph,
-            pilot: None,
-            pilot_stop: StopFlags::default(),
             stop,
             bus,
             live,
@@ -226,24 +221,10 @@ impl Flight {
     }
 
     /// Starts all processes and waits until they are ready, then starts the clock.
-    pub(super) fn start(
-        &mut self,
-        membership: &Membership,
-        options: &RunOptions,
-        grants: &Grants,
-    ) -> Result<(), RunError> {
+    pub(super) fn start(&mut self, options: &RunOptions, grants: &Grants) -> Result<(), RunError> {
         let scenario = &options.scenario;
         let not_ready = |error: FlightError| RunError::NotReady(error.to_string());
         self.supervisor.start_all().map_err(not_ready)?;
-        let pilot = pilot_thread::start(
-            scenario.clone(),
-            self.graph.clone(),
-            &membership.ipc_config(),
-            self.pilot_stop.clone(),
-            pinned_cpu(options.pin, clock_of(scenario)),
-            Entry::AtTheStart,
-        );
-        self.pilot = Some(pilot.map_err(system("start the pilot"))?);
         if let Some(lacking) = grants.lacking() {
             self.notice(&lacking);
         } else if let Some(granted) = grants.granted() {

@@ -188,9 +188,7 @@ impl Flight {
         }
         let members = self.supervisor.members().filter(|member| member.ready);
         let members = members.filter_map(|m| Some((m.seat.role, m.seat.index, m.name, m.pid?)));
-        let pilot = self.graph.node(Role::Pilot).map(|node| node.role.label());
-        let pilot = pilot.map(|name| (Role::Pilot, 0, name, std::process::id()));
-        stopwatch.look(now_ns, members.chain(pilot));
+        stopwatch.look(now_ns, members);
     }
 
     pub(super) fn publish_notices(&mut self, logical_ns: u64) {

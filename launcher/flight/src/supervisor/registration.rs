@@ -3,7 +3,7 @@
 use super::Supervisor;
 use crate::tap::Tap;
 use runtime::clock::mono_now_ns;
-use shared_types::{Hello, NodeId, Role, Seat};
+use shared_types::{Hello, NodeId, Seat};
 use swap::PostEvent;
 use swap::post::Post;
 
@@ -25,7 +25,7 @@ impl Joined {
 
 impl Supervisor {
     /// Enters the processes that have become ready in the registry.
-    pub(super) fn take_hellos(&mut self, starting: bool, tap: &mut Tap) -> Vec<Joined> {
+    pub(super) fn take_hellos(&mut self, tap: &mut Tap) -> Vec<Joined> {
         let mut joined = Vec::new();
         while let Some((hello, node, pid)) = self.hello.receive_from() {
             let seat = Seat { role: hello.role, index: hello.seat };
@@ -33,19 +33,13 @@ impl Supervisor {
                 |post: &&mut Post| post.seat == seat && post.generation == hello.generation;
             // The process that the transport names must be the one that was started for the seat, or one that this has
             // started.
-            if let Some(post) = self.posts.iter_mut().find(of_seat)
-                && post.is_controller(pid)
-            {
-                post.ready = true;
-                post.layout = hello.state_layout;
-                post.period_ns = hello.period_ns;
-            } else if seat.role != Role::Pilot || pid != std::process::id() {
-                continue;
-            } else if let Some(pilot) = &mut self.pilot {
-                pilot.ready = true;
-            } else if !starting {
+            let Some(post) = self.posts.iter_mut().find(of_seat) else { continue };
+            if !post.is_controller(pid) {
                 continue;
             }
+            post.ready = true;
+            post.layout = hello.state_layout;
+            post.period_ns = hello.period_ns;
             joined.push(Joined { seat, layout: hello.state_layout, period_ns: hello.period_ns });
             self.enter(node, seat, &hello, tap);
             self.joined_mono_ns = mono_now_ns();

@@ -10,7 +10,7 @@ use runtime::clock::WallMap;
 use runtime::ipc::{Bus, PortError};
 use shared_types::{ClockRecord, OwnerRecord, Role, Seat};
 use std::path::PathBuf;
-use swap::child::{ChildSpec, Launch, RunningChild};
+use swap::child::RunningChild;
 use swap::post::Post;
 use swap::{FlightError, OrderSinks, PostNote, RegistryWriter, SlotOwner};
 
@@ -34,7 +34,6 @@ impl Supervisor {
             orders: OrderSinks::open(bus)?,
             events: Vec::new(),
             checkpoint_writer,
-            pilot: Some(pilot(bus, checkpoint)?),
             wall: Some(WallMap::new(&checkpoint.clock.0)),
             joined_mono_ns: 0,
             notices: Vec::new(),
@@ -52,7 +51,6 @@ impl Supervisor {
         supervisor.orders.go_on(&checkpoint.guidance.0, &checkpoint.disturbance.0);
         let entries: Vec<_> = checkpoint.registry.iter().map(|entry| entry.0).collect();
         supervisor.registry.go_on(&entries);
-        supervisor.registry.leave(Seat::first(Role::Pilot));
         let gone = supervisor.posts.iter().filter(|post| post.child.is_none());
         let gone: Vec<Seat> = gone.map(|post| post.seat).collect();
         for seat in gone {
@@ -144,11 +142,6 @@ impl Supervisor {
         living.map(|post| (post.seat, post.layout, post.period_ns))
     }
 
-    /// Generation of the pilot of a flight that was taken over.
-    pub(crate) fn pilot_generation(&self) -> u32 {
-        self.pilot.as_ref().map_or(0, |pilot| pilot.generation)
-    }
-
     /// Notes how time runs.
     pub(crate) fn note_clock(&mut self, record: &ClockRecord) {
         self.checkpoint_writer.clock(record);
@@ -210,23 +203,5 @@ fn taken_over(bus: &Bus, note: &PostNote, started: &StartedFirst) -> Result<Post
     post.child = living;
     post.layout = note.layout;
     post.period_ns = note.period_ns;
-    Ok(post)
-}
-
-/// The pilot died with its launcher; the next one joins as another generation.
-fn pilot(bus: &Bus, checkpoint: &Checkpoint) -> Result<Post, PortError> {
-    let seat = Seat::first(Role::Pilot);
-    let spec = ChildSpec {
-        name: seat.role.label().to_owned(),
-        executable: PathBuf::new(),
-        launch: Launch::Service { config: None },
-        cpu: None,
-        nice: None,
-        pause_ns: 0,
-    };
-    let mut post = Post::open(bus, seat, spec)?;
-    let of_pilot = checkpoint.registry.iter().filter(|entry| entry.0.role == Role::Pilot);
-    post.generation = of_pilot.map(|entry| entry.0.generation + 1).max().unwrap_or(0);
-    post.awaits_handover = true;
     Ok(post)
 }

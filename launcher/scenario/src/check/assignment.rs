@@ -23,9 +23,8 @@ impl Checker<'_> {
     /// Asks the controllers that fly, or that have a section, what they refuse.
     fn alternates(&mut self) {
         let assignment = Assignment::of(self.settings());
-        let flies = |name: &str| {
-            Slot::ALL.into_iter().any(|slot| assignment.name(slot.role()) == Some(name))
-        };
+        let flies =
+            |name: &str| Slot::ALL.into_iter().any(|slot| assignment.name(slot.role()) == name);
         let wanted =
             |name: &str, section: &str| flies(name) || self.document.root().contains_key(section);
         let vehicle = self.scenario.modelled_vehicle();

@@ -4,7 +4,6 @@ use super::{Calm, Disturb, FLOOR_M, Goto, Load, Morph, Order, OutOfRange, REACH_
 use crate::configs::landing_s;
 use crate::{Plan, Scenario};
 use ::pilot::{MorphSchedule, PilotError, Trajectory, divert};
-use controller::preview::Landing;
 use core::fmt::Write as _;
 use runtime::Graph;
 use serde::{Deserialize, Serialize};
@@ -119,7 +118,6 @@ pub struct Planner {
     disturbance: DisturbanceOrder,
     /// The highest place that the vehicle is sent to \[m\].
     highest_m: f64,
-    landing: Landing,
     /// Disturbances ordered so far.
     numbered: u64,
     /// Everything that was ordered.
@@ -149,7 +147,6 @@ impl Planner {
             guidance: taken_up.order.unwrap_or_default(),
             disturbance: DisturbanceOrder::default(),
             highest_m: scenario.highest_m(),
-            landing: scenario.landing(),
             numbered: 0,
             reports: Vec::new(),
         })
@@ -165,7 +162,7 @@ impl Planner {
     /// How long a landing takes from the highest place that the vehicle has been sent to \[s\].
     #[must_use]
     pub fn landing_s(&self) -> f64 {
-        landing_s(&self.landing, self.highest_m)
+        landing_s(self.highest_m)
     }
 
     /// The first instant that no loop that follows has reached when time is `now_ns` and may go on to

@@ -98,7 +98,7 @@ fn assert_meets(f: impl Fn(u64) -> f64, g: impl Fn(u64) -> f64, at_ns: u64, boun
 fn a_landing_takes_as_long_as_from_the_highest_place_planned_or_ordered() {
     let low = scenario("[start]\nposition_w_m = [0.0, 0.0, 1.0]\n[pilot]\nkind = \"hover\"\n");
     let planned = low.flight().unwrap().landing_s;
-    assert!((planned - (1.0 / 0.5 + 2.0)).abs() < 1e-9, "{planned}");
+    assert!((planned - (2.0 + 1.0 / 0.5 + 2.0)).abs() < 1e-9, "{planned}");
     let high = scenario("[start]\nposition_w_m = [0.0, 0.0, 5.0]\n[pilot]\nkind = \"hover\"\n");
     assert!((high.flight().unwrap().landing_s - planned - 4.0 / 0.5).abs() < 1e-9);
     let mut flown = Flown::of(&low);

@@ -67,10 +67,10 @@ impl Director {
         let assignment = Assignment::of(scenario.settings());
         let mut specs = Vec::new();
         for l in loops {
-            let Some(name) = assignment.name(l.node.role).filter(|_| l.place.role.is_slot()) else {
-                continue;
-            };
-            specs.push((l.node.role, host.register_initial(l, name)));
+            if l.place.role.is_slot() {
+                let name = assignment.name(l.node.role);
+                specs.push((l.node.role, host.register_initial(l, name)));
+            }
         }
         let settings = scenario.settings();
         Ok(Self {

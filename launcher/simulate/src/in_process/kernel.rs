@@ -81,7 +81,7 @@ impl Kernel {
                     InProcessError::Component { role: role.label(), error: error.to_string() }
                 })?,
             };
-            let name = assignment.name(node.role).unwrap_or(node.role.label());
+            let name = assignment.name(node.role);
             let connect = Connect { graph: &graph, node, place, generation, name, wires, from };
             loops.push(connect.connect(component)?);
         }

@@ -157,7 +157,7 @@ impl InProcessHost {
         };
         let wires = &mut self.wires;
         let scenario = own.as_ref().unwrap_or(&self.scenario);
-        let built = components::build_service(Some(&spec.name), scenario);
+        let built = components::build_service(&spec.name, scenario);
         let component = built.map_err(|error| refused(error.to_string()))?;
         let name = &spec.name;
         Connect { graph, node, place, generation, name, wires, from: None }.connect(component)

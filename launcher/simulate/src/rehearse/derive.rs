@@ -135,9 +135,7 @@ pub(super) fn scenario(
     let by = taken_over.map(|by| swap(spec.slot, by, JOIN_S, facts));
     let mut swaps: Vec<Value> = by.into_iter().collect();
     if who == Role::Following {
-        let owner =
-            Assignment::of(flown.settings()).name(Slot::Position.role()).map(ToOwned::to_owned);
-        let owner = owner.ok_or("there is no position slot")?;
+        let owner = Assignment::of(flown.settings()).name(Slot::Position.role()).to_owned();
         swaps.push(swap(Slot::Position, (&owner, None), flip_s(facts, Slot::Attitude), facts));
     }
     if !swaps.is_empty() {

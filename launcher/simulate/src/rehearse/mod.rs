@@ -98,7 +98,7 @@ impl Rehearsal {
             return name_of(executable).to_owned();
         }
         let assignment = scenario::services::Assignment::of(self.scenario.settings());
-        assignment.name(self.spec.slot.role()).unwrap_or("the owner").to_owned()
+        assignment.name(self.spec.slot.role()).to_owned()
     }
 
     /// Flies all flights and compares candidate and owner. `go_on` is called every 50 ms of logical time and

@@ -206,7 +206,7 @@ pub fn fly(plan: &Plan, progress: Progress<'_>) -> Result<Study, TimingError> {
         .flat_map(|kind| nodes.clone().map(move |node| (kind, node)))
         .map(|(kind, node)| Sweep {
             role: node.role,
-            name: assignment.name(node.role).unwrap_or(node.role.label()).to_owned(),
+            name: assignment.name(node.role).to_owned(),
             period_s: 1.0 / node.rate.hz(),
             kind,
             flights: Vec::new(),
@@ -282,7 +282,7 @@ fn fly_one(plan: &Plan, case: Option<(Role, Kind, f64)>) -> Result<Flown, Timing
 
 fn predicted_s(base: &Scenario) -> Result<Option<f64>, TimingError> {
     let settings = base.settings();
-    if Assignment::of(settings).name(Role::Attitude) != Some("attitude-mpc") {
+    if Assignment::of(settings).name(Role::Attitude) != "attitude-mpc" {
         return Ok(None);
     }
     let graph = base.graph()?;

@@ -92,7 +92,7 @@ pub struct Controller {
     gains: Gains,
     vehicle: VehicleParameters,
     period_s: f64,
-    grace_s: f64,
+    hover_s: f64,
     memory: Memory,
 }
 
@@ -119,7 +119,7 @@ impl Controller {
         let vehicle = flight.vehicle();
         let memory = Memory { command: [0.0, 0.0, vehicle.weight_n()], ..Memory::default() };
         let period_s = 1.0 / rate_hz;
-        Ok(Self { gains: config.read()?, vehicle, period_s, grace_s: flight.grace_s, memory })
+        Ok(Self { gains: config.read()?, vehicle, period_s, hover_s: flight.hover_s, memory })
     }
 
     /// What is known now; `None` if it is too little, or too old, to fly on.
@@ -141,7 +141,7 @@ impl Controller {
         let mut acceleration_m_s2 = Vector3::zeros();
         if is_over {
             // No process says any more where to go: hover, and land after a while.
-            let landing_s = (age_ns as f64 * 1e-9 - self.grace_s).max(0.0);
+            let landing_s = (age_ns as f64 * 1e-9 - self.hover_s).max(0.0);
             position.z = (position.z - LANDING_M_S * landing_s).max(0.0);
             velocity = Vector3::zeros();
         } else {
@@ -286,7 +286,7 @@ mod tests {
     fn controller() -> Controller {
         let (gains, vehicle) = (Gains::default(), VehicleParameters::default());
         let memory = Memory { command: [0.0, 0.0, vehicle.weight_n()], ..Memory::default() };
-        Controller { gains, vehicle, period_s: 0.02, grace_s: 2.0, memory }
+        Controller { gains, vehicle, period_s: 0.02, hover_s: 2.0, memory }
     }
 
     /// Hovering at the origin, asked to be at `position_w_m`; the attitude loop tracks `applied`.

@@ -7,7 +7,7 @@ use shared_types::{Reference, ReferencePoint};
 /// What to do when the reference has ended: hover at its last point, then land.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Landing {
-    /// Time without a new reference after which the descent begins, half a second at least \[s\].
+    /// Time without a new reference after which the descent begins \[s\].
     pub after_s: f64,
     /// Descent rate \[m/s\].
     pub descent_m_s: f64,
@@ -22,9 +22,6 @@ impl Default for Landing {
     }
 }
 
-/// How long the next reference may be late before a landing begins, however soon that is to be \[s\].
-const LATE_S: f64 = 0.5;
-
 impl Landing {
     /// How long the descent from a height takes \[s\].
     #[must_use]
@@ -34,8 +31,7 @@ impl Landing {
 
     /// How far the descent has got at an instant `ahead_s` after that of a reference whose age is `age_s` \[m\].
     fn descent_m(&self, age_s: f64, ahead_s: f64) -> f64 {
-        let begin_s = self.after_s.max(LATE_S);
-        if age_s < begin_s { 0.0 } else { self.descent_m_s * (ahead_s - begin_s) }
+        if age_s < self.after_s { 0.0 } else { self.descent_m_s * (ahead_s - self.after_s) }
     }
 }
 
@@ -189,14 +185,14 @@ mod tests {
     }
 
     #[test]
-    fn however_soon_a_landing_begins_a_fresh_reference_is_followed_and_nothing_jumps() {
-        let at_once = Landing { after_s: 0.0, ..Landing::default() };
+    fn until_a_landing_begins_the_reference_is_followed_and_then_nothing_jumps() {
+        let soon = Landing { after_s: 0.5, ..Landing::default() };
         let (mut points, mut planned) = ([Vector3::zeros(); 60], [Vector3::zeros(); 60]);
         for (age_ns, descent_m) in [(20_000_000, 0.0), (499_000_000, 0.0), (600_000_000, 0.05)] {
             let now_ns = 1_000_000_000 + age_ns;
-            preview(&reference(), now_ns, 0.02, &at_once, &mut points);
+            preview(&reference(), now_ns, 0.02, &soon, &mut points);
             preview(&reference(), now_ns, 0.02, &Landing::default(), &mut planned);
-            let now = [&at_once, &Landing::default()]
+            let now = [&soon, &Landing::default()]
                 .map(|landing| target(&reference(), now_ns, 0.0, landing).position_w_m.z);
             assert!((now[1] - now[0] - descent_m).abs() < 1e-9, "{now:?}");
             assert_eq!(points == planned, descent_m == 0.0, "{age_ns}");

@@ -27,9 +27,11 @@ pub struct Flight {
     pub clock: Clock,
     /// Seconds of the flight in a second by the wall clock; of no meaning in lockstep.
     pub speed: f64,
-    /// How long the vehicle hovers after the launcher's death, for another launcher to come \[s\].
+    /// How long the flight goes on after the launcher's death, for another launcher to come \[s\].
     pub grace_s: f64,
-    /// How long it then needs to land \[s\].
+    /// How long the vehicle hovers without a new reference before it descends \[s\].
+    pub hover_s: f64,
+    /// How long hover and landing take \[s\].
     pub landing_s: f64,
     /// Heading at the start \[rad\].
     pub start_yaw_rad: f64,
@@ -62,6 +64,8 @@ pub struct Facts<'a> {
     pub clock: Clock,
     /// See [`Flight::grace_s`].
     pub grace_s: f64,
+    /// See [`Flight::hover_s`].
+    pub hover_s: f64,
     /// See [`Flight::landing_s`].
     pub landing_s: f64,
     /// See [`Flight::start_yaw_rad`].
@@ -145,7 +149,8 @@ impl Flight {
     /// Describes a flight.
     #[must_use]
     pub fn new(facts: Facts) -> Self {
-        let Facts { clock, grace_s, landing_s, start_yaw_rad, realtime, claims, .. } = facts;
+        let Facts { clock, grace_s, hover_s, landing_s, start_yaw_rad, realtime, claims, .. } =
+            facts;
         let Facts { vehicle, graph, timing, .. } = facts;
         let of_node = |node: &Node| {
             let own = claims.iter().find(|(role, _)| *role == node.role);
@@ -155,6 +160,7 @@ impl Flight {
             clock,
             speed: 1.0,
             grace_s,
+            hover_s,
             landing_s,
             start_yaw_rad,
             realtime,
@@ -396,7 +402,8 @@ pub(crate) mod tests {
         let script = Script::new(7, Vec::new(), vec![sample]);
         let facts = Facts {
             clock: Clock::Realtime,
-            grace_s: 2.0,
+            grace_s: 30.0,
+            hover_s: 2.0,
             landing_s: 4.5,
             start_yaw_rad: 1.0 / 3.0,
             realtime: Realtime {

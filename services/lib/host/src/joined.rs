@@ -63,7 +63,7 @@ impl Joined {
                 // A child's standard output is the launcher's standard error; its own may be closed.
                 let _ = writeln!(io::stdout(), "morphquad: {text}");
             }
-            staying.leave_s
+            if role == Role::Pilot { staying.grace_s } else { staying.leave_s }
         };
         stop.watch_launcher(membership.folder(), arguments.launcher_pid, follow)
             .map_err(watch("the launcher"))?;
@@ -132,17 +132,17 @@ fn of_launcher(
             format!("the launcher of run {run} died; all leave at once")
         }
         LauncherNews::Died => format!(
-            "the launcher of run {run} died; the vehicle hovers for {grace_s:.1} s, which `morphquad adopt {run}` has to go on, then it lands, and all leave in {leave_s:.1} s"
+            "the launcher of run {run} died; the flight goes on for {grace_s:.1} s, in which `morphquad adopt {run}` can take it over, then the vehicle lands, and all leave in {leave_s:.1} s"
         ),
     })
 }
 
 /// Opens every port of a component, prepares its thread, says hello, waits for a hand-over if told to,
-/// and flies; also used for the pilot, which lives in the launcher's own process.
+/// and flies.
 ///
 /// # Errors
 /// As [`Joined::fly`].
-pub fn fly_component(
+fn fly_component(
     bus: &Bus,
     graph: Graph,
     stop: StopFlags,

@@ -48,7 +48,7 @@ pub use config::Config;
 pub use controller::controller;
 pub use error::{BuildError, HostError, conclude};
 pub use flight::Flight;
-pub use joined::{Joined, fly_component};
+pub use joined::Joined;
 pub use layout::{LAYOUT_ARGUMENT, layout_hash};
 pub use staying::LOCKSTEP_GRACE_S;
 pub use thread::{name_thread, stay_on};

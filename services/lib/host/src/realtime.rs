@@ -143,12 +143,6 @@ pub fn may_lock_memory() -> bool {
     capable || getrlimit(Resource::Memlock).current.is_none()
 }
 
-/// Keeps what memory the process has by now in place, all of it; false if the system does not grant it.
-#[must_use]
-pub fn lock_present_memory() -> bool {
-    may_lock_memory() && mlockall(MlockAllFlags::CURRENT).is_ok()
-}
-
 fn stay_on_any(cpus: &[usize]) -> bool {
     let mut set = CpuSet::new();
     cpus.iter().filter(|cpu| **cpu < CpuSet::MAX_CPU).for_each(|cpu| set.set(*cpu));

@@ -10,9 +10,9 @@ pub const LOCKSTEP_GRACE_S: f64 = 2.0;
 /// Wall time from the launcher's death on \[s\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Staying {
-    /// Until then the vehicle hovers and another launcher can take the flight over.
+    /// Until then the flight goes on, for another launcher to take it over. Then the pilot leaves.
     pub(crate) grace_s: f64,
-    /// Then all leave: in realtime, once the vehicle has landed.
+    /// Then all others leave: in realtime, once the vehicle has landed.
     pub(crate) leave_s: f64,
 }
 
@@ -22,7 +22,7 @@ impl Staying {
             let grace_s = flight.grace_s.min(LOCKSTEP_GRACE_S);
             return Self { grace_s, leave_s: grace_s };
         }
-        // The vehicle hovers and lands in the time of the flight.
+        // The vehicle flies and lands in the time of the flight.
         let landing_s = if flight.grace_s > 0.0 { flight.landing_s } else { 0.0 };
         let by_the_wall = |s: f64| s / flight.speed;
         let grace_s = by_the_wall(flight.grace_s);

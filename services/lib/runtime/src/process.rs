@@ -87,8 +87,6 @@ pub struct Process<'a> {
     quiet_until_ns: u64,
     /// `CLOCK_MONOTONIC` when all ports were open \[ns\].
     opened_mono_ns: u64,
-    /// Generation of the pilot that died with the launcher.
-    lost_pilot: Option<u32>,
     upkeep: Upkeep,
     /// Who was there at the last look.
     registered: u64,
@@ -143,7 +141,6 @@ impl<'a> Process<'a> {
             quiet_until_ns: 0,
             // The executor has opened its own before, and fields are made in their order here.
             opened_mono_ns: mono_now_ns(),
-            lost_pilot: None,
             upkeep: Upkeep::of_this_thread(),
             registered: 0,
             timed_out: false,

@@ -141,11 +141,6 @@ impl SeatMarks {
         heard_from
     }
 
-    /// The process that has the seat as this generation says nothing any more, and is not waited for.
-    pub fn silence(&mut self, Seat { role, index }: Seat, generation: u32) {
-        self.advance(role, index, generation, u64::MAX);
-    }
-
     /// Takes in the registry: a process that has left is not waited for, and one that comes after it begins anew.
     pub fn learn_registry(&mut self, entries: &[RegistryEntry]) {
         for entry in entries {
@@ -374,7 +369,7 @@ mod tests {
         assert_eq!(heard_from(&seats, 99), [3, 1, 6, 0]);
         assert_eq!(heard_from(&seats, 100), [3, 2, 6, 0], "its seat is free from then on");
         seats.learn_registry(&[entry(2, 6, true)]);
-        seats.silence(Seat { role: Role::Attitude, index: 2 }, 6);
+        seats.advance(Role::Attitude, 2, 6, u64::MAX);
         assert_eq!(heard_from(&seats, 99), [3, 1, 6, 0], "one that has finished is still there");
         seats.learn_registry(&[entry(1, 2, true)]);
         assert_eq!(heard_from(&seats, 100), [3, 2, 6, 0], "its record is still to come");

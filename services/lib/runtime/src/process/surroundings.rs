@@ -76,16 +76,6 @@ impl Process<'_> {
                 neighbour.present = present;
             }
         });
-        // The pilot lived in the launcher; its successor comes as another generation.
-        let pilot = Seat::first(Role::Pilot);
-        if !self.stop.launcher_gone() {
-            self.lost_pilot = None;
-        } else if self.lost_pilot.is_none() {
-            self.lost_pilot = self.marks.generation(pilot);
-        }
-        if let Some(generation) = self.lost_pilot {
-            self.marks.silence(pilot, generation);
-        }
         let done_ns = self.executor.previous_ns().unwrap_or(0);
         for slot in &mut self.slots {
             if let Some(book) = self.marks.book(slot.role) {
