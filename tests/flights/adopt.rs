@@ -197,7 +197,10 @@ fn what_dies_without_a_launcher_is_started_once_however_many_take_over() {
         };
         Some(pids.into_iter().all(runs))
     };
-    wait_until("they run", || run_now() == Some(true));
+    wait_for("they run", || match run_now() {
+        Some(true) => Ok(()),
+        _ => Err(format!("{:?}", ps(&run))),
+    });
     let ran_s = flown_s();
     wait_until("every loop flies on", || flown_s() > ran_s + 0.05);
     assert_eq!((started(&gone), run_now()), (pids, Some(true)));
@@ -357,7 +360,8 @@ fn without_a_launcher_the_processes_land_before_they_leave() {
 fn without_a_launcher_an_order_is_flown_and_without_a_pilot_too_the_vehicle_lands() {
     let running = realtime(&["--for", "600s", "--set", "launcher.launcher_grace_s=600"]);
     let run = running.id().to_owned();
-    let mut spectator = Spectator::join(&run);
+    // Beside the dead launcher's there is no room for a third.
+    let (mut spectator, other) = (Spectator::join(&run), Spectator::join(&run));
     let said = say(&["goto", "1", "0", "1.5", "--run", &run]);
     running.kill_launcher();
     assert_eq!(said.0, Some(0), "{said:?}");
@@ -368,7 +372,7 @@ fn without_a_launcher_an_order_is_flown_and_without_a_pilot_too_the_vehicle_land
     spectator.wait_until("it lands", |truth, _| truth.position_w_m[2] < 0.1);
     let adopter = Adopter::start(&run);
     spectator.wait_until("another pilot leads it back", is_there);
-    drop(spectator);
+    drop((spectator, other));
     assert!(kill(adopter.0.id(), Signal::INT));
     let (code, summary, said) = adopter.end();
     assert_eq!(code, Some(130), "{summary} {said}");

@@ -217,7 +217,7 @@ fn a_running_flight_is_heard_and_has_the_hash_that_it_has_unheard() {
     // By the instants in the samples, whenever they come.
     let rate = truth["hz"].as_f64().expect("a rate");
     assert!((rate - 1000.0).abs() < 1e-6, "{list}");
-    assert_eq!(processes_of(running.id()).len(), 6, "no process has joined");
+    assert_eq!(processes_of(running.id()).len(), 7, "no process has joined");
     // One that never reads, and one that is killed.
     let mut stalled = morphquad([&["topic", "echo", "--format", "jsonl"], &run[..]].concat())
         .spawn()

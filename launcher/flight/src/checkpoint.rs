@@ -20,7 +20,7 @@ use thiserror::Error;
 /// Name of the file.
 const FILE: &str = "launcher.json";
 /// Raised when the file changes its shape.
-const FORMAT: u32 = 4;
+const FORMAT: u32 = 5;
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
@@ -42,8 +42,18 @@ pub(super) struct Of {
     pub(super) recording: Option<PathBuf>,
     /// Launchers that have taken over so far.
     pub(super) adoptions: u32,
+    /// Whether all that they found left by others has been freed.
+    pub(super) is_swept: bool,
     /// Unix time that stands for logical time 0 \[ns\].
     pub(super) epoch_unix_ns: u64,
+}
+
+impl Of {
+    /// A flight that begins.
+    pub(super) fn begun(run: &str, recording: Option<&Path>, epoch_unix_ns: u64) -> Self {
+        let recording = recording.map(|path| path.canonicalize().unwrap_or(path.into()));
+        Self { run: run.to_owned(), recording, adoptions: 0, is_swept: true, epoch_unix_ns }
+    }
 }
 
 /// Everything that the next launcher needs.
@@ -214,6 +224,11 @@ impl CheckpointWriter {
         self.checkpoint.clock = Packed(*record);
     }
 
+    /// Notes that what other launchers have left is free; in the file with the next [`write`](Self::write).
+    pub(super) fn swept(&mut self) {
+        self.checkpoint.of.is_swept = true;
+    }
+
     /// Notes what has been ordered; in the file with the next [`write`](Self::write).
     pub(super) fn orders(&mut self, guidance: &GuidanceOrder, disturbance: &DisturbanceOrder) {
         self.checkpoint.guidance = Packed(*guidance);
@@ -264,7 +279,7 @@ mod tests {
     }
 
     fn of() -> Of {
-        Of { run: "7f3a".to_owned(), recording: None, adoptions: 0, epoch_unix_ns: 5 }
+        Of::begun("7f3a", None, 5)
     }
 
     #[test]

@@ -6,6 +6,7 @@
 mod adopt;
 mod described;
 mod finish;
+mod leftovers;
 mod start;
 mod timed;
 mod watch;
@@ -24,6 +25,7 @@ use super::tap::Tap;
 use super::viewer_process::ViewerProcess;
 use described::Described;
 use host::realtime::may_lock_memory;
+use leftovers::Leftovers;
 use observe::stopwatch::Stopwatch;
 use protocol::control::protocol::{Done, Reply, Request};
 use protocol::control::server::Answer;
@@ -125,12 +127,7 @@ fn fly(
     let live = Live::open(membership.folder(), &id, name, recording_path.as_deref(), flying)?;
     let viewers = options.live.as_ref().map(|live| ViewerProcess::open(live, &id, cpu_of(options)));
     let viewers = viewers.transpose()?;
-    let of = Of {
-        run: id.clone(),
-        recording: recording_path.as_deref().map(|path| path.canonicalize().unwrap_or(path.into())),
-        adoptions: 0,
-        epoch_unix_ns: facts.epoch_unix_ns,
-    };
+    let of = Of::begun(&id, recording_path.as_deref(), facts.epoch_unix_ns);
     let checkpoint_writer =
         CheckpointWriter::open(membership.folder(), of, clock_of(&options.scenario));
     let mut flight = Flight::prepare(
@@ -201,6 +198,8 @@ struct Flight {
     /// When a process had joined last as memory was reserved, by `CLOCK_MONOTONIC` \[ns\].
     reserved_after_ns: u64,
     described: Described,
+    /// Of the launcher before this one, until it is freed.
+    leftovers: Option<Leftovers>,
     /// Takes the memory of what has been made since, where none is locked.
     reservation: Option<Reservation>,
     /// The clock as the run's processes hear it.

@@ -73,7 +73,7 @@ pub struct Tap {
     /// Marks as far as everything they promise has been drained.
     pub(super) marks: SeatMarks,
     /// `CLOCK_MONOTONIC` when all readers were open \[ns\].
-    opened_mono_ns: u64,
+    pub(super) opened_mono_ns: u64,
     /// What is done with it.
     pub sinks: Sinks,
 }
@@ -90,10 +90,7 @@ impl Tap {
     /// # Errors
     /// The first port that cannot be had.
     pub fn open(bus: &Bus, graph: &Graph, sinks: Sinks) -> Result<Self, PortError> {
-        let mut opener = Opener { bus, graph, sinks: &sinks, ports: Vec::new() };
-        topics::visit_all(&mut opener)?;
-        let ports = opener.ports;
-        let open = |seat| {
+        let open_seat = |seat| {
             Ok(SeatTap {
                 seat,
                 progress: LatestPort::progress(bus, seat)?,
@@ -101,8 +98,17 @@ impl Tap {
                 last_state: LastState::default(),
             })
         };
-        let seats = graph.nodes().iter().flat_map(|node| Seat::all(node.role));
-        let seats = seats.map(open).collect::<Result<_, PortError>>()?;
+        let open = || {
+            let mut opener = Opener { bus, graph, sinks: &sinks, ports: Vec::new() };
+            topics::visit_all(&mut opener)?;
+            let seats = graph.nodes().iter().flat_map(|node| Seat::all(node.role));
+            Ok((opener.ports, seats.map(open_seat).collect::<Result<_, PortError>>()?))
+        };
+        let (ports, seats) = open().or_else(|_: PortError| {
+            // A service admits only so many readers, and those of a launcher that has died count until they are freed.
+            bus.sweep_dead_processes(&mut || ());
+            open()
+        })?;
         let (promised, marks) = (Vec::new(), SeatMarks::default());
         Ok(Self { ports, seats, promised, marks, opened_mono_ns: mono_now_ns(), sinks })
     }

@@ -169,6 +169,16 @@ impl CommandAudit {
             && (self.may_command(seat, followed) && self.gaps.iter().any(is_in) || is_from_before())
     }
 
+    /// True of a tick from before a launcher took over, in an epoch that was over by then: of its records that one has heard
+    /// the last alone.
+    fn is_of_an_epoch_before(&self, tick: &Tick) -> bool {
+        let first_heard = self.epochs.keys().next();
+        self.joined_ns.is_some()
+            && tick.mode == GateMode::Normal
+            && tick.epoch > 0
+            && first_heard.is_some_and(|first| tick.epoch < *first)
+    }
+
     /// True if a command of that writer and sequence could be in effect in this tick. A process that takes the seat later
     /// comes to the same numbers, and ticks are judged when it may have.
     fn has_heard(&self, tick: &Tick) -> bool {
@@ -189,8 +199,9 @@ impl CommandAudit {
         }
         let record = self.epochs.get(&tick.epoch).copied();
         let of = |record: Epoch| if tick.failed_over { record.fallback } else { record.owner };
-        let followed = record.map_or(NO_SEAT, of);
-        let is_lost = self.is_of_a_lost_command(tick, followed);
+        let is_unknown = self.is_of_an_epoch_before(tick);
+        let followed = record.map_or(if is_unknown { tick.command.0 } else { NO_SEAT }, of);
+        let is_lost = is_unknown || self.is_of_a_lost_command(tick, followed);
         self.tally.ticks += u64::from(!is_lost);
         if self.last_ns.is_some_and(|last_ns| tick.at_ns <= last_ns) {
             self.tally.duplicated += 1;

@@ -1,6 +1,7 @@
 //! `morphquad adopt`: a flight whose launcher has died goes on under another one.
 
 use super::described::Described;
+use super::leftovers::Leftovers;
 use super::start::{Prepared, graph_of, restart_policy, takes_all_memory};
 use super::{Flight, LOOK_EVERY_NS, Outcome};
 use crate::checkpoint::{Checkpoint, CheckpointError, CheckpointWriter, Of};
@@ -160,7 +161,7 @@ fn open_recording(
     from_ns: u64,
 ) -> Result<(Option<PathBuf>, Option<Recorder>), RunError> {
     let Some(folder) = options.record.as_deref() else { return Ok((None, None)) };
-    let Of { run, recording: before, adoptions, epoch_unix_ns } = &checkpoint.of;
+    let Of { run, recording: before, adoptions, epoch_unix_ns, .. } = &checkpoint.of;
     let mut number = adoptions + 1;
     let mut path = recording_path(folder, &format!("{run}-adopted-{number}"))?;
     while path.exists() {
@@ -199,6 +200,7 @@ impl Flight {
         bus.lead()?;
         let takes_all = takes_all_memory(scenario, bus.reservation().taken_mb());
         let policy = restart_policy(scenario, takes_all);
+        let are_several = !core::mem::replace(&mut checkpoint.of.is_swept, false);
         let mut started = StartedFirst::of(checkpoint, folder, &bus, policy.room);
         let services = HeldServices::take_over(&bus)?;
         let of = Of { adoptions: checkpoint.of.adoptions + 1, ..checkpoint.of.clone() };
@@ -223,7 +225,10 @@ impl Flight {
             }
         };
         supervisor.start_gone(mono_now_ns());
-        bus.sweep_dead_processes(&mut || ());
+        let leftovers = Leftovers::of(&bus, are_several, takes_all);
+        if leftovers.is_none() {
+            supervisor.note_swept();
+        }
         let startup_ns =
             shared_types::time::ns_from_s(scenario.settings().launcher.startup_timeout_s);
         let slots = Slots::none_yet(&checkpoint.posts, scenario, startup_ns);
@@ -249,7 +254,7 @@ impl Flight {
             timed: None,
             described,
         };
-        Ok(Self::of(prepared, options)?)
+        Ok(Self { leftovers, ..Self::of(prepared, options)? })
     }
 
     /// Takes the lead: says again what the launcher before has said last, and goes on with each slot as its consumer has
@@ -277,8 +282,8 @@ impl Flight {
         Ok(())
     }
 
-    /// Waits until the consumers have said which seat they follow: what happened to a slot while no
-    /// launcher led is known to them alone.
+    /// Waits until the consumers have said which seat they follow, and what was said before has been said again: what
+    /// happened to a slot while no launcher led is known to its processes alone.
     fn listen(&mut self, checkpoint: &Checkpoint) {
         // What follows the position slot is in the attitude slot, if anything is alive there.
         let has_position = checkpoint.posts.iter().any(|post| post.place().role == Role::Position);
@@ -288,7 +293,8 @@ impl Flight {
         while mono_now_ns() < give_up_ns {
             self.tap.drain(mono_now_ns());
             let watch = self.tap.sinks.slot_watch.as_ref();
-            if watch.is_none_or(|watch: &SlotWatch| watch.has_heard(position_too)) {
+            let has_heard = watch.is_none_or(|watch: &SlotWatch| watch.has_heard(position_too));
+            if has_heard && self.supervisor.has_served_since(&self.tap, self.tap.opened_mono_ns) {
                 return;
             }
             sleep_until(mono_now_ns() + LOOK_EVERY_NS);

@@ -203,6 +203,7 @@ impl Flight {
             next_file_look_ns: 0,
             removals: (0, 0),
             reserved_after_ns: 0,
+            leftovers: None,
             reservation,
             clock_reader,
             progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),

@@ -64,6 +64,10 @@ impl Flight {
         }
         if all_files {
             self.next_file_look_ns = now_ns + FILE_LOOK_NS;
+            let led_ns = now_ns.saturating_sub(self.begun.1);
+            if self.leftovers.take_if(|left| left.are_freed(led_ns)).is_some() {
+                self.supervisor.note_swept();
+            }
         }
     }
 

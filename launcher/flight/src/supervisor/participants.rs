@@ -11,11 +11,17 @@ impl Supervisor {
     /// dies now is then certain. One that does not is not waited for any longer than [`SERVE_LIMIT_NS`].
     pub(crate) fn has_served(&self, tap: &Tap, now_mono_ns: u64) -> bool {
         let since_ns = self.joined_mono_ns;
-        let has_served = |entry: &RegistryEntry| {
+        now_mono_ns >= since_ns.saturating_add(SERVE_LIMIT_NS)
+            || self.has_served_since(tap, since_ns)
+    }
+
+    /// True once every process has given what it had published to all readers that were there at an instant of
+    /// `CLOCK_MONOTONIC` \[ns\].
+    pub(crate) fn has_served_since(&self, tap: &Tap, since_ns: u64) -> bool {
+        self.present().all(|entry| {
             let seat = Seat { role: entry.role, index: entry.seat };
             tap.marks.has_served(seat, entry.generation, since_ns)
-        };
-        now_mono_ns >= since_ns.saturating_add(SERVE_LIMIT_NS) || self.present().all(has_served)
+        })
     }
 
     /// True if a loop has given all that have joined what it had published, however long that takes.

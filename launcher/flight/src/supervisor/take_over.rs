@@ -142,6 +142,12 @@ impl Supervisor {
         living.map(|post| (post.seat, post.layout, post.period_ns))
     }
 
+    /// Notes that what other launchers have left is free.
+    pub(crate) fn note_swept(&mut self) {
+        self.checkpoint_writer.swept();
+        self.note();
+    }
+
     /// Notes how time runs.
     pub(crate) fn note_clock(&mut self, record: &ClockRecord) {
         self.checkpoint_writer.clock(record);

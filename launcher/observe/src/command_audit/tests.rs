@@ -197,6 +197,22 @@ fn a_command_from_before_the_recorder_came_is_not_judged() {
 }
 
 #[test]
+fn a_tick_of_an_epoch_that_was_over_when_the_recorder_came_is_not_judged() {
+    let mut audit = CommandAudit::default();
+    for (seat, sequence, from_ms) in [(1, 5, 0), (0, 7, 20), (1, 6, 20)] {
+        audit.command(&command(seat, sequence, from_ms));
+    }
+    audit.record(&record(4, 10, 0, NO_SEAT));
+    audit.applied(&applied(5, 3, (1, 5), false));
+    audit.applied(&applied(12, 4, (1, 5), false));
+    audit.applied(&applied(25, 4, (0, 7), false));
+    let good = CommandTally { ticks: 2, ..CommandTally::default() };
+    assert_eq!(audit.tally(), good, "the first is left out, the next carried over from it");
+    audit.applied(&applied(26, 4, (1, 6), false));
+    assert_eq!(audit.tally().wrong_owner, 1);
+}
+
+#[test]
 fn a_command_from_before_the_recorder_came_is_no_later_one_of_its_number() {
     let mut audit = CommandAudit::default();
     audit.record(&record(4, 2_900, 1, NO_SEAT));

@@ -1,0 +1,44 @@
+//! What a dead launcher has left in shared memory. Freeing it takes tenths of a second, in which nothing that has died
+//! could be led on: the flight goes first, as long as there is room for both.
+
+use runtime::ipc::{Bus, Sweeper};
+use scenario::needs::MemoryNeed;
+use std::thread::{self, JoinHandle};
+
+/// For how long the flight has been led before it begins \[ns\].
+const AFTER_NS: u64 = 1_000_000_000;
+
+/// Frees it on a thread of its own.
+#[derive(Debug)]
+pub(super) struct Leftovers {
+    sweeper: Sweeper,
+    freeing: Option<JoinHandle<()>>,
+}
+
+impl Leftovers {
+    /// Left for later, or freed now: if another launcher has left some as well, or memory is too short for a second
+    /// flight.
+    pub(super) fn of(bus: &Bus, are_several: bool, takes_all: bool) -> Option<Self> {
+        let second = if takes_all { MemoryNeed::RESERVED } else { MemoryNeed::LOCKSTEP };
+        if are_several || second.look(0).is_err() {
+            bus.sweep_dead_processes(&mut || ());
+            return None;
+        }
+        Some(Self { sweeper: bus.sweeper(), freeing: None })
+    }
+
+    /// Begins when it is time, after which the flight has been led for `led_ns`; true once all is free.
+    pub(super) fn are_freed(&mut self, led_ns: u64) -> bool {
+        if led_ns < AFTER_NS {
+            return false;
+        }
+        if let Some(freeing) = &self.freeing {
+            return freeing.is_finished();
+        }
+        let sweeper = self.sweeper.clone();
+        let free = move || sweeper.sweep(&mut || ());
+        // Without a thread for it now there may be one at the next look.
+        self.freeing = thread::Builder::new().name("sweep".to_owned()).spawn(free).ok();
+        false
+    }
+}
