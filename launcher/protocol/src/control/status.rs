@@ -30,11 +30,11 @@ pub struct RunStatus {
 /// A loop and the process that it runs in.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ProcessStatus {
-    /// Service, or `pilot`.
+    /// Service.
     pub name: String,
     /// What it is in the data flow.
     pub role: String,
-    /// Its process, if there is one now; the pilot's is the launcher's.
+    /// Its process, if there is one now.
     pub pid: Option<u32>,
     /// Place among those that could fill the role.
     pub seat: u32,

@@ -98,7 +98,7 @@ fn unknown_slots_controllers_kinds_and_processes_are_refused_at_their_line() {
         |kind, name| format!("[[fault]]\nkind = \"{kind}\"\nname = \"{name}\"\nat_s = 1.0\n");
     assert_refused(&fault("maim", "plant"), 4, "fault[0].kind", "`kill`, `stop`");
     assert_refused(&fault("kill", "plent"), 5, "fault[0].name", "did you mean `plant`?");
-    assert_refused(&fault("kill", "pilot"), 5, "fault[0].name", "no process");
+    assert_refused(&fault("kill", "launcher"), 5, "fault[0].name", "no process");
     assert_refused("swap = 3\n", 3, "scenario.swap", "no such key");
     assert_refused("[swap]\nslot = 3\n", 3, "swap", "[[swap]]");
     assert_refused(
