@@ -1,7 +1,8 @@
 //! The launcher's end: copies of the samples that a client wants to see.
 //!
 //! The main loop packs a sample only if a client wants its topic, and puts it into a queue without ever
-//! waiting; the thread does the rest. What finds the queue or a client's buffer full is dropped and counted.
+//! waiting; the thread does the rest. A sample that finds the queue or a client's buffer full is dropped and counted;
+//! for what is told, which is little and comes once, there is room beyond.
 
 use super::{SOCKET, known, place, schema};
 use record::{Clock, Event, encode_log};
@@ -16,14 +17,18 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 
 /// Samples between the main loop and the thread.
 const QUEUE: usize = 16_384;
-/// What one client has not read yet \[bytes\].
+/// What is told besides, between the same.
+const TOLD_QUEUE: usize = 1024;
+/// Samples that one client has not read yet \[bytes\].
 const UNREAD_BYTES: usize = 4 << 20;
+/// What it was told besides \[bytes\].
+const TOLD_BYTES: usize = 1 << 20;
 /// Longest request \[bytes\].
 const REQUEST_BYTES: usize = 16 << 10;
 /// Listeners at a time.
@@ -114,7 +119,9 @@ struct Frame {
 struct Shared {
     /// A bit for each topic that a client wants.
     wanted: AtomicU64,
-    /// Samples that found the queue full.
+    /// Samples in the queue.
+    queued: AtomicUsize,
+    /// What found the queue full.
     dropped: AtomicU64,
     leave: AtomicBool,
 }
@@ -143,7 +150,7 @@ impl Feed {
         fs::set_permissions(&path, Permissions::from_mode(0o600))?;
         listener.set_nonblocking(true)?;
         let bell = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?);
-        let (frames, queue) = sync_channel(QUEUE);
+        let (frames, queue) = sync_channel(QUEUE + TOLD_QUEUE);
         let shared = Arc::<Shared>::default();
         let acceptor = Acceptor {
             listener,
@@ -168,8 +175,13 @@ impl Feed {
         if wanted & (1 << place) == 0 {
             return;
         }
+        if self.shared.queued.load(Ordering::Acquire) >= QUEUE {
+            self.shared.dropped.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
         let mut packed = vec![0; T::PACKED_SIZE];
         sample.pack(&mut packed);
+        self.shared.queued.fetch_add(1, Ordering::AcqRel);
         self.put(u16::try_from(place).unwrap_or(DROPPED), packed);
     }
 
@@ -340,7 +352,9 @@ impl Acceptor {
     /// Gives each client what it wants of what has come.
     fn hand_out(&mut self) {
         while let Ok(Frame { topic, packed }) = self.queue.try_recv() {
-            let bit = if topic >= ENDED { EVENTS } else { 1 << topic };
+            let is_sample = topic < ENDED;
+            self.shared.queued.fetch_sub(usize::from(is_sample), Ordering::AcqRel);
+            let bit = if is_sample { 1 << topic } else { EVENTS };
             for client in self.clients.iter_mut().filter(|client| client.wanted & bit != 0) {
                 client.put(topic, &packed);
             }
@@ -355,7 +369,8 @@ impl Acceptor {
 
 impl Client {
     fn put(&mut self, topic: u16, packed: &[u8]) {
-        let has_room = self.outbox.len() + packed.len() <= UNREAD_BYTES;
+        let room = if topic == TOLD { UNREAD_BYTES + TOLD_BYTES } else { UNREAD_BYTES };
+        let has_room = self.outbox.len() + packed.len() <= room;
         if !has_room && topic != ENDED {
             self.dropped += 1;
             return;

@@ -92,6 +92,31 @@ fn a_slow_client_loses_samples_is_told_how_many_and_holds_up_no_other() {
 }
 
 #[test]
+fn what_is_told_reaches_a_listener_that_has_lost_samples_by_then() {
+    let flight = Flight::new();
+    let mut slow = Listening::to_everything(&flight.run()).unwrap();
+    // More than socket, buffer and queue hold, told of something now and then.
+    let (rounds, mut told, mut dropped) = (60, 0, 0);
+    // Longer than a sample, for which there may be room where there is none for it.
+    let text = "gust ".repeat(200);
+    for _ in 0..rounds {
+        for sequence in 0..2000 {
+            flight.feed.offer(&topics::IMU, &imu(sequence));
+        }
+        let (severity, source, text) = (Severity::Warning, "s", text.as_str());
+        flight.feed.tell(&Event { logical_ns: 1, severity, source, text });
+    }
+    while told < rounds || dropped == 0 {
+        match slow.next(Duration::from_secs(5)).unwrap() {
+            Word::Told(_) => told += 1,
+            Word::Dropped(count) => dropped += count,
+            Word::Sample(..) => {}
+            word => panic!("{word:?} after {told} of {rounds} and {dropped} dropped"),
+        }
+    }
+}
+
+#[test]
 fn the_end_reaches_a_listener_that_is_far_behind_when_the_flight_is_over() {
     let flight = Flight::new();
     let mut slow = Listening::to_everything(&flight.run()).unwrap();
