@@ -212,6 +212,38 @@ fn what_dies_without_a_launcher_is_started_once_however_many_take_over() {
     assert_nothing_left(&run);
 }
 
+/// Before its slot has asked for it, or after: it is the slot's to start again.
+#[test]
+fn a_controller_that_a_new_launcher_has_started_and_that_dies_is_started_again() {
+    let name = "position-mpc";
+    let running = slowly(&["--for", "60s"]);
+    let run = running.id().to_owned();
+    running.kill_launcher();
+    let mut gone = vec![running.signal(name, Signal::KILL)];
+    let adopter = Adopter::start(&run);
+    let of_name = || processes_of(&run).into_iter().filter(|p| p.arguments[0] == name);
+    let next = |gone: &[u32]| of_name().map(|p| p.pid).find(|pid| !gone.contains(pid));
+    let mut second = None;
+    wait_until("another one", || {
+        second = next(&gone);
+        second.is_some()
+    });
+    gone.extend(second.filter(|pid| kill(*pid, Signal::KILL)));
+    let mut status = None;
+    let owns = |status: &Value| {
+        let mut processes = status["processes"].as_array().into_iter().flatten();
+        processes.any(|p| p["name"] == name && p["state"] == "owner" && p["pid"] != gone[1])
+    };
+    wait_for("a third one commands", || {
+        status = ps(&run);
+        if status.as_ref().is_some_and(owns) { Ok(()) } else { Err(format!("{status:?}")) }
+    });
+    assert!(kill(adopter.0.id(), Signal::INT));
+    let (code, summary, said) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {said}");
+    assert_nothing_left(&run);
+}
+
 #[test]
 fn a_process_that_writes_in_the_place_of_a_dead_launcher_is_not_followed() {
     // After it has written for a while, and while it frees what the dead launcher has left.

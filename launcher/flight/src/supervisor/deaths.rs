@@ -37,6 +37,9 @@ impl Supervisor {
         let Some(death) = post.child.as_mut().and_then(RunningChild::exited) else {
             return Ok(());
         };
+        // One that was started before its slot has asked for it is not there any more when it does.
+        let seat = post.seat;
+        self.expected.retain(|own| own.seat != seat);
         let in_order = match death {
             Death::Status(status) => status.success(),
             Death::Unseen => has_left(post, tap, now_ns),
