@@ -326,6 +326,16 @@ fn a_browser_is_started_with_an_address_that_is_of_no_use_to_another_user() {
 }
 
 #[test]
+fn a_stop_that_comes_before_the_flight_has_started_is_answered() {
+    let words = ["run", "hover", "--for", "600s", "--no-record", "--live=127.0.0.1:0", "--no-open"];
+    let (mut live, said) = Live::of(morphquad(words).spawn().expect("the executable starts"));
+    // Its address is said before its processes are started.
+    assert_eq!(live.order(&live.token, r#"{"request":"stop"}"#).0, 200);
+    assert_eq!(live.child.wait().expect("it ends").code(), Some(130));
+    said.join().expect("its words");
+}
+
+#[test]
 fn a_page_on_all_addresses_is_found_from_elsewhere_and_a_missing_browser_is_told() {
     let mut run = morphquad(["run", "hover", "--for", "1s", "--no-record", "--live=0.0.0.0:0"]);
     // A screen, and nothing that could open a browser on it.

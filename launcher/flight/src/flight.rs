@@ -138,25 +138,24 @@ fn fly(
         (live, checkpoint_writer, described),
     )?;
     flight.tap.sinks.stopwatch = stopwatch;
-    let started = flight.start(options, &grants);
-    let outcome = match started {
-        Ok(()) => {
-            unflown.begins();
-            flight.fly()
-        }
-        Err(error) => {
-            flight.supervisor.kill_all();
-            return Err(error);
-        }
-    };
+    let outcome = flight.start(options, &grants).map(|()| {
+        unflown.begins();
+        flight.fly()
+    });
     if let Some(viewers) = &viewers {
         viewers.flight_is_over();
     }
-    let concluded = flight.conclude(outcome, options, &id, recording_path);
+    let concluded = match outcome {
+        Ok(outcome) => Ok(flight.conclude(outcome, options, &id, recording_path)),
+        Err(error) => {
+            flight.abort(&error);
+            Err(error)
+        }
+    };
     if let Some(viewers) = viewers {
         viewers.leave();
     }
-    Ok(concluded)
+    concluded
 }
 
 struct Flight {

@@ -2,12 +2,22 @@
 
 use super::{Flight, Outcome};
 use observe::stopwatch::Stopwatch;
+use protocol::topic::feed::Ending;
 use runtime::clock::mono_now_ns;
 use simulate::Summary;
-use simulate::setup::RunOptions;
+use simulate::setup::{RunError, RunOptions};
 use std::path::PathBuf;
 
 impl Flight {
+    /// Ends a flight that never started. Viewers get the end of it as of any other, and with it the time to answer a client
+    /// that has told it to stop.
+    pub(super) fn abort(mut self, error: &RunError) {
+        self.supervisor.kill_all();
+        if let Some(feed) = &self.tap.sinks.feed {
+            feed.end(&Ending { is_good: false, text: error.to_string() });
+        }
+    }
+
     pub(super) fn conclude(
         mut self,
         outcome: Outcome,
