@@ -108,10 +108,6 @@ class SeatMarks:
             if known < generation or (known == generation and not present):
                 self._known[role, seat] = (0 if present else FOREVER, generation)
 
-    def generation(self, role, seat):
-        """Generation of the process that has, or last had, a seat; None if there was none."""
-        return self._known.get((role, seat), (0, None))[1]
-
     def of_edge(self, edge):
         """How far the producer of an arrow has got [ns]."""
         book = self._books.get(edge.producer)

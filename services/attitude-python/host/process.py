@@ -157,7 +157,6 @@ class Process:
         self._registry_changes = 0
         self.loop = None
         self.leave_ns = FOREVER
-        self._lost_pilot = None
         # Whether the last wait was ended by its limit.
         self.timed_out = False
 
@@ -288,14 +287,6 @@ class Process:
         if self._bus.registry_changes != self._registry_changes:
             self._registry_changes = self._bus.registry_changes
             self._learn_neighbours()
-        if not self._launcher.is_gone:
-            self._lost_pilot = None
-        else:
-            # The pilot lived in the launcher; its successor comes as another generation.
-            if self._lost_pilot is None:
-                self._lost_pilot = self.marks.generation("pilot", 0)
-            if self._lost_pilot is not None:
-                self.marks.advance("pilot", 0, self._lost_pilot, FOREVER)
         done_ns = (self.loop.previous_ns or 0) if self.loop else 0
         for slot, reader in self._owner_readers:
             book = self.marks.book(slot)

@@ -181,8 +181,11 @@ impl Feed {
         }
         let mut packed = vec![0; T::PACKED_SIZE];
         sample.pack(&mut packed);
+        // Before it is there for the thread, which counts it out.
         self.shared.queued.fetch_add(1, Ordering::AcqRel);
-        self.put(u16::try_from(place).unwrap_or(DROPPED), packed);
+        if !self.put(u16::try_from(place).unwrap_or(DROPPED), packed) {
+            self.shared.queued.fetch_sub(1, Ordering::AcqRel);
+        }
     }
 
     /// Tells what happened, to each client that wants to know. Never waits.
@@ -202,10 +205,11 @@ impl Feed {
         let _ = self.frames.send(Frame { topic: ENDED, packed });
     }
 
-    fn put(&self, topic: u16, packed: Vec<u8>) {
-        if self.frames.try_send(Frame { topic, packed }).is_err() {
-            self.shared.dropped.fetch_add(1, Ordering::Relaxed);
-        }
+    /// False if there is no place for it in the queue.
+    fn put(&self, topic: u16, packed: Vec<u8>) -> bool {
+        let is_there = self.frames.try_send(Frame { topic, packed }).is_ok();
+        self.shared.dropped.fetch_add(u64::from(!is_there), Ordering::Relaxed);
+        is_there
     }
 }
 
