@@ -1,11 +1,14 @@
 //! The recorder: drains every topic and state of the run, off the loops, into the sinks, of which the recording is one.
 
 use record::Stream;
-use runtime::clock::mono_now_ns;
+use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, IpcSource, LatestPort, PortError, StateSubscriber, recorder_capacity};
 use runtime::{Graph, SeatMarks, Source as _, StateHeader};
 use shared_types::{Header, Progress, Sample, Seat, Topic, TopicVisitor, topics};
 use simulate::Sinks;
+
+/// For how long a service may admit no more readers \[ns\].
+const ROOM_LIMIT_NS: u64 = 1_000_000_000;
 
 /// One topic's reader with its type forgotten.
 trait TapPort {
@@ -88,7 +91,7 @@ impl Tap {
     /// Opens a reader of each topic that is consumed, and of each seat.
     ///
     /// # Errors
-    /// The first port that cannot be had.
+    /// The first port that cannot be had, for a second.
     pub fn open(bus: &Bus, graph: &Graph, sinks: Sinks) -> Result<Self, PortError> {
         let open_seat = |seat| {
             Ok(SeatTap {
@@ -104,11 +107,18 @@ impl Tap {
             let seats = graph.nodes().iter().flat_map(|node| Seat::all(node.role));
             Ok((opener.ports, seats.map(open_seat).collect::<Result<_, PortError>>()?))
         };
-        let (ports, seats) = open().or_else(|_: PortError| {
-            // A service admits only so many readers, and those of a launcher that has died count until they are freed.
-            bus.sweep_dead_processes(&mut || ());
-            open()
-        })?;
+        let give_up_ns = mono_now_ns() + ROOM_LIMIT_NS;
+        // A service admits only so many readers, and those of a launcher that has died count until they are freed, here
+        // or by the thread that frees what is left of several.
+        let (ports, seats) = loop {
+            match open() {
+                Err(_) if mono_now_ns() < give_up_ns => {
+                    bus.sweep_dead_processes(&mut || ());
+                    sleep_until(mono_now_ns() + 5_000_000);
+                }
+                opened => break opened?,
+            }
+        };
         let (promised, marks) = (Vec::new(), SeatMarks::default());
         Ok(Self { ports, seats, promised, marks, opened_mono_ns: mono_now_ns(), sinks })
     }

@@ -12,6 +12,7 @@ import iceoryx2 as iox2
 # Of a progress mark: the mark, until when the writer is quiet, when readers were served before it, and generation; of a
 # header, seat and generation.
 MARK = struct.Struct("<QQ8xQI")
+ROOM_LIMIT_NS = 3_000_000_000
 SEATED = struct.Struct("<72xII")
 
 
@@ -22,6 +23,18 @@ class Unfit(Exception):
 def now_ns():
     """CLOCK_MONOTONIC [ns]."""
     return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
+
+
+def with_room(make):
+    """Makes a port. A service admits only so many; those of dead processes count until the launcher has freed them."""
+    give_up_ns = now_ns() + ROOM_LIMIT_NS
+    while True:
+        try:
+            return make()
+        except (iox2.PublisherCreateError, iox2.SubscriberCreateError):
+            if now_ns() > give_up_ns:
+                raise
+            time.sleep(0.002)
 
 
 class Types:
@@ -172,7 +185,8 @@ class Bus:
             ) from error
 
     def _read(self, name, sample_type, depth, passes=None):
-        subscriber = self._service(name, sample_type).subscriber_builder().buffer_size(depth).create()
+        service = self._service(name, sample_type)
+        subscriber = with_room(lambda: service.subscriber_builder().buffer_size(depth).create())
         return Reader(subscriber, sample_type, passes)
 
     def announced(self, name, sample_type, depth):
@@ -214,10 +228,12 @@ class Bus:
         return self.samples.seat_label(self.samples.Role[role.capitalize()], seat)
 
     def writer(self, name, sample_type):
-        return Writer(self._service(name, sample_type).publisher_builder().create())
+        service = self._service(name, sample_type)
+        return Writer(with_room(lambda: service.publisher_builder().create()))
 
     def handover(self, label):
         """Bytes that a process is handed when it takes a seat in flight, with their headers."""
         service = self._node.service_builder(iox2.ServiceName.new(f"handover/{label}"))
         service = service.publish_subscribe(iox2.Slice[ctypes.c_uint8])
-        return service.user_header(self.samples.Header).open().subscriber_builder().create()
+        opened = service.user_header(self.samples.Header).open()
+        return with_room(lambda: opened.subscriber_builder().create())

@@ -201,6 +201,7 @@ impl Flight {
         let takes_all = takes_all_memory(scenario, bus.reservation().taken_mb());
         let policy = restart_policy(scenario, takes_all);
         let are_several = !core::mem::replace(&mut checkpoint.of.is_swept, false);
+        let leftovers = Leftovers::of(&bus, are_several, takes_all);
         let mut started = StartedFirst::of(checkpoint, folder, &bus, policy.room);
         let services = HeldServices::take_over(&bus)?;
         let of = Of { adoptions: checkpoint.of.adoptions + 1, ..checkpoint.of.clone() };
@@ -225,10 +226,6 @@ impl Flight {
             }
         };
         supervisor.start_gone(mono_now_ns());
-        let leftovers = Leftovers::of(&bus, are_several, takes_all);
-        if leftovers.is_none() {
-            supervisor.note_swept();
-        }
         let startup_ns =
             shared_types::time::ns_from_s(scenario.settings().launcher.startup_timeout_s);
         let slots = Slots::none_yet(&checkpoint.posts, scenario, startup_ns);
@@ -254,7 +251,7 @@ impl Flight {
             timed: None,
             described,
         };
-        Ok(Self { leftovers, ..Self::of(prepared, options)? })
+        Ok(Self { leftovers: Some(leftovers), ..Self::of(prepared, options)? })
     }
 
     /// Takes the lead: says again what the launcher before has said last, and goes on with each slot as its consumer has

@@ -16,29 +16,28 @@ pub(super) struct Leftovers {
 }
 
 impl Leftovers {
-    /// Left for later, or freed now: if another launcher has left some as well, or memory is too short for a second
-    /// flight.
-    pub(super) fn of(bus: &Bus, are_several: bool, takes_all: bool) -> Option<Self> {
+    /// Left for later, unless another launcher has left some as well, or memory is too short for a second flight.
+    pub(super) fn of(bus: &Bus, are_several: bool, takes_all: bool) -> Self {
+        let mut leftovers = Self { sweeper: bus.sweeper(), freeing: None };
         let second = if takes_all { MemoryNeed::RESERVED } else { MemoryNeed::LOCKSTEP };
         if are_several || second.look(0).is_err() {
-            bus.sweep_dead_processes(&mut || ());
-            return None;
+            leftovers.begin();
         }
-        Some(Self { sweeper: bus.sweeper(), freeing: None })
+        leftovers
     }
 
-    /// Begins when it is time, after which the flight has been led for `led_ns`; true once all is free.
+    /// Begins when it is time, the flight having been led for `led_ns`; true once all is free.
     pub(super) fn are_freed(&mut self, led_ns: u64) -> bool {
-        if led_ns < AFTER_NS {
-            return false;
+        if self.freeing.is_none() && led_ns >= AFTER_NS {
+            self.begin();
         }
-        if let Some(freeing) = &self.freeing {
-            return freeing.is_finished();
-        }
+        self.freeing.as_ref().is_some_and(JoinHandle::is_finished)
+    }
+
+    fn begin(&mut self) {
         let sweeper = self.sweeper.clone();
         let free = move || sweeper.sweep(&mut || ());
         // Without a thread for it now there may be one at the next look.
         self.freeing = thread::Builder::new().name("sweep".to_owned()).spawn(free).ok();
-        false
     }
 }

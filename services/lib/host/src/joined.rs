@@ -67,7 +67,7 @@ impl Joined {
         };
         stop.watch_launcher(membership.folder(), arguments.launcher_pid, follow)
             .map_err(watch("the launcher"))?;
-        let bus = Bus::join(&membership.ipc_config(), name)?;
+        let bus = Bus::join(&membership.ipc_config(), name)?.waiting_for_room();
         let graph = flight.graph()?;
         let node = *graph.node(role).ok_or(HostError::NoSuchLoop(role.label()))?;
         let name = name.to_owned();

@@ -23,8 +23,11 @@ pub use state::{StatePublisher, StateService, StateSubscriber};
 pub use turns::{NumberedAnswer, NumberedOrder, Order, TurnGiver, TurnTaker};
 pub use wake::{WakeListener, WakeNotifier};
 
+use crate::clock::{mono_now_ns, sleep_until};
 use crate::graph::READER_CAPACITY;
 use crate::namespace::{Reservation, SpareLinks};
+use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::prelude::{
     AttributeSpecifier, CallbackProgression, Config, FilePath, LogLevel, MessagingPattern,
     Node as IpcNode, NodeBuilder, NodeState, SemanticString, Service as _, ServiceName,
@@ -62,6 +65,11 @@ const MAX_NODES: usize = 32;
 const WATCHERS: usize = 3;
 /// Processes that may take part at once, and those that have just died.
 const MAX_PROCESSES: usize = 16;
+
+/// For how long a process waits for room in a service, and how often it looks \[ns\]: freeing what the dead have left
+/// takes tenths of a second.
+const ROOM_LIMIT_NS: u64 = 3_000_000_000;
+const ROOM_LOOK_NS: u64 = 2_000_000;
 
 /// Connections that may write where the launcher alone is believed.
 const LAUNCHERS: usize = 4;
@@ -154,6 +162,14 @@ pub enum PortError {
         /// Why not.
         source: io::Error,
     },
+    /// A service has as many readers or writers as it admits, those of dead processes among them until they are freed.
+    #[error("service {service}: cannot {action}: it admits no more")]
+    Full {
+        /// Service name.
+        service: String,
+        /// What was tried.
+        action: &'static str,
+    },
     /// The transport refused.
     #[error("service {service}: cannot {action}: {reason}")]
     Transport {
@@ -174,6 +190,26 @@ impl PortError {
         let service = service.to_owned();
         move |error| Self::Transport { service, action, reason: format!("{error:?}") }
     }
+
+    fn no_reader(service: &str, error: SubscriberCreateError) -> Self {
+        let action = "create a reader";
+        match error {
+            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
+                Self::Full { service: service.to_owned(), action }
+            }
+            error => Self::transport(service, action)(error),
+        }
+    }
+
+    fn no_writer(service: &str, error: PublisherCreateError) -> Self {
+        let action = "create a writer";
+        match error {
+            PublisherCreateError::ExceedsMaxSupportedPublishers => {
+                Self::Full { service: service.to_owned(), action }
+            }
+            error => Self::transport(service, action)(error),
+        }
+    }
 }
 
 /// The transport's node behind an object: dropping a node instantiates much generic code in each crate that does so.
@@ -193,6 +229,8 @@ pub struct Bus {
     connection: Box<dyn Connection>,
     /// Where the run keeps what is not the transport's.
     folder: PathBuf,
+    /// For how long a port waits until its service admits it \[ns\].
+    room_limit_ns: u64,
     /// Who leads, for all readers of this process.
     authority: Rc<Authority>,
     /// Who sits where, for all readers of this process.
@@ -227,9 +265,29 @@ impl Bus {
         Ok(Self {
             connection: Box::new(node),
             folder,
+            room_limit_ns: 0,
             authority,
             registry: SharedRegistry::default(),
         })
+    }
+
+    /// Lets each port wait for seconds until its service admits it: the launcher frees what dead processes have left.
+    #[must_use]
+    pub fn waiting_for_room(self) -> Self {
+        Self { room_limit_ns: ROOM_LIMIT_NS, ..self }
+    }
+
+    /// Makes a port as soon as its service admits it.
+    fn with_room<P>(&self, make: impl Fn() -> Result<P, PortError>) -> Result<P, PortError> {
+        let give_up_ns = mono_now_ns().saturating_add(self.room_limit_ns);
+        loop {
+            match make() {
+                Err(PortError::Full { .. }) if mono_now_ns() < give_up_ns => {
+                    sleep_until(mono_now_ns() + ROOM_LOOK_NS);
+                }
+                made => return made,
+            }
+        }
     }
 
     /// Makes this connection the launcher's, before it writes anything: what only the launcher says is believed of it

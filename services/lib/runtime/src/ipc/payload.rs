@@ -68,7 +68,7 @@ impl<T: Wire + ZeroCopySend> Service<T> for PortFactory<Ipc, T, ()> {
             .subscriber_builder()
             .buffer_size(capacity)
             .create()
-            .map_err(PortError::transport(Service::name(self), "create a reader"))?;
+            .map_err(|error| PortError::no_reader(Service::name(self), error))?;
         Ok(Box::new(PayloadReader { subscriber, guard: None }))
     }
 
@@ -77,7 +77,7 @@ impl<T: Wire + ZeroCopySend> Service<T> for PortFactory<Ipc, T, ()> {
             .publisher_builder()
             .max_loaned_samples(1)
             .create()
-            .map_err(PortError::transport(Service::name(self), "create a writer"))?;
+            .map_err(|error| PortError::no_writer(Service::name(self), error))?;
         Ok(Box::new(PayloadWriter { publisher }))
     }
 }

@@ -109,7 +109,7 @@ impl<T: Wire + 'static> LatestPort<T> {
     /// Opens a service that is not a topic, for what `accepts` lets pass.
     fn open(bus: &Bus, kind: ServiceKind, accepts: Accepts<T>) -> Result<Self, PortError> {
         let factory = bus.open::<T>(&kind.name())?;
-        let mut source = IpcSource::with_capacity(&factory, 2)?;
+        let mut source = bus.with_room(|| IpcSource::with_capacity(&factory, 2))?;
         source.0.guard(bus.guard(&kind.name(), accepts)?);
         Ok(Self { source, latest: None })
     }
@@ -186,7 +186,8 @@ impl Bus {
         &self,
         kind: ServiceKind,
     ) -> Result<IpcSink<T>, PortError> {
-        IpcSink::new(&self.open::<T>(&kind.name())?)
+        let factory = self.open::<T>(&kind.name())?;
+        self.with_room(|| IpcSink::new(&factory))
     }
 
     /// Opens a topic for writing.
@@ -194,7 +195,8 @@ impl Bus {
     /// # Errors
     /// [`PortError`].
     pub fn writer<T: Sample>(&self, topic: &'static Topic<T>) -> Result<IpcSink<T>, PortError> {
-        IpcSink::new(&self.open_topic(topic)?)
+        let factory = self.open_topic(topic)?;
+        self.with_room(|| IpcSink::new(&factory))
     }
 
     /// Opens a topic for reading: what the processes of role `from` publish on it, and no others.
@@ -208,7 +210,8 @@ impl Bus {
         from: Role,
         capacity: usize,
     ) -> Result<IpcSource<T>, PortError> {
-        let mut source = IpcSource::with_capacity(&self.open_topic(topic)?, capacity)?;
+        let factory = self.open_topic(topic)?;
+        let mut source = self.with_room(|| IpcSource::with_capacity(&factory, capacity))?;
         let accepts = match (from, topic.info.edge) {
             (Role::Supervisor, EdgeKind::RecordOnly) => Accepts::from_all(),
             (Role::Supervisor, _) => Accepts::Launcher,
@@ -256,7 +259,7 @@ impl Bus {
         if registry.is_none() {
             let kind = ServiceKind::Registry;
             let factory = self.open_service::<Registry>(kind)?;
-            let mut port = IpcSource::with_capacity(&factory, 2)?;
+            let mut port = self.with_room(|| IpcSource::with_capacity(&factory, 2))?;
             port.0.guard(self.guard(&kind.name(), Accepts::Launcher)?);
             *registry = Some(RegistryReader::new(Box::new(port)));
         }

@@ -80,13 +80,15 @@ impl StatePublisher {
     /// # Errors
     /// [`PortError`].
     pub fn open(bus: &Bus, kind: ServiceKind, capacity: usize) -> Result<Self, PortError> {
-        let publisher = bus
-            .open_states(kind)?
-            .publisher_builder()
-            .max_loaned_samples(1)
-            .initial_max_slice_len(capacity)
-            .create()
-            .map_err(PortError::transport(&kind.name(), "create a writer"))?;
+        let states = bus.open_states(kind)?;
+        let publisher = bus.with_room(|| {
+            states
+                .publisher_builder()
+                .max_loaned_samples(1)
+                .initial_max_slice_len(capacity)
+                .create()
+                .map_err(|error| PortError::no_writer(&kind.name(), error))
+        })?;
         Ok(Self(Box::new(publisher)))
     }
 }
@@ -158,11 +160,11 @@ impl StateSubscriber {
 
     fn open(bus: &Bus, kind: ServiceKind, accepts: Accepts<Header>) -> Result<Self, PortError> {
         let guard = bus.guard(&kind.name(), accepts)?;
-        let subscriber = bus
-            .open_states(kind)?
-            .subscriber_builder()
-            .create()
-            .map_err(PortError::transport(&kind.name(), "create a reader"))?;
+        let states = bus.open_states(kind)?;
+        let subscriber = bus.with_room(|| {
+            let subscriber = states.subscriber_builder().create();
+            subscriber.map_err(|error| PortError::no_reader(&kind.name(), error))
+        })?;
         Ok(Self(Box::new(GuardedStates { subscriber, guard })))
     }
 
