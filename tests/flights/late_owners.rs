@@ -71,6 +71,22 @@ fn a_loop_that_is_stopped_leaves_the_vehicle_in_its_place() {
     }
 }
 
+/// While nothing commands the position slot, the last tilt fades and the vehicle is braked; with a held tilt it was five
+/// metres away after three seconds.
+#[test]
+fn a_vehicle_without_set_points_comes_to_rest_under_every_attitude_controller() {
+    for owner in controllers(Slot::Attitude) {
+        let assignment = format!("attitude={owner}");
+        let hover = ["hover", "--goto", "1,0.5,1.5@1.6s", "--controller", &assignment];
+        let flown = timed(&[&hover[..], &["--for", "7s"]].concat(), &["position:stopped@2s..5s"]);
+        assert_eq!(flown.verdict(), "PASSED", "{}", flown.said());
+        assert!(flown.number("position_max_m") < 0.35, "{}", flown.said());
+        let rows = flown.recording().series("truth", &["velocity_w_m_s"]);
+        let last = rows.iter().rfind(|row| row.t_s < 5.0).expect("a sample");
+        assert!(last.values.iter().all(|speed| speed.abs() < 0.05), "{owner}: {last:?} m/s");
+    }
+}
+
 /// Times of a small computer under load, all within the deadlines: each candidate is admitted, and nothing is missed.
 #[test]
 fn every_controller_may_take_over_from_every_other_on_a_loaded_computer() {

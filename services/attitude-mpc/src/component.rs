@@ -63,10 +63,10 @@ impl AttitudeMpc {
         })
     }
 
-    /// Takes the set point that counts; the last one stays if none does.
+    /// Takes the set point that counts, or what stands in for one; the last one stays if there is neither.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
-        let Inputs { position_owner, attitude_setpoint, trip, .. } = inputs;
-        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip);
+        let Inputs { position_owner, attitude_setpoint, trip, state_estimate, .. } = inputs;
+        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip, state_estimate);
         if let Some(command) = taken {
             let [thrust_n, roll, pitch, yaw] = command.value;
             self.setpoint = Setpoint { gamma_rad: Vector3::new(roll, pitch, yaw), thrust_n };

@@ -15,6 +15,11 @@ TILT_BOUND_RAD = 0.35
 # which the rest comes back [ns].
 STEP_SHARE = 0.1
 LIMITED_FOR_NS = 100_000_000
+# Time constant with which the last set point fades [s], and what takes its place: tilt against the horizontal
+# velocity [rad s/m] up to a largest one [rad], share of the weight against the vertical one [s/m] up to a largest.
+FADES_S = 0.5
+TILT_PER_SPEED_RAD_S_M, BRAKING_TILT_MAX_RAD = 0.1, 0.2
+LIFT_PER_SPEED_S_M, LIFT_MAX = 0.1, 0.3
 # For how long an owner that has tripped is not followed although there is no fallback [ns].
 REJECTED_AFTER_TRIP_NS = 1_500_000_000
 
@@ -222,6 +227,16 @@ class CommandArbiter:
         self._limiter.reset()
         return Command((weight_n, 0.0, 0.0, yaw_rad), 0, None, 0, 0)
 
+    def lapsed(self, t_ns):
+        """The last set point that was followed, if its end is past."""
+        given = self._given
+        is_over = given is not None and given.seat is not None and t_ns >= given.valid_until_ns
+        return given if is_over else None
+
+    def replace_lapsed(self, value):
+        """Says what is followed in place of one that has lapsed: a change of kind continues from it."""
+        self._given = self._given._replace(value=value)
+
     def _valid(self, seat, t_ns):
         held = self._held.get(seat)
         return held if held and held.is_valid(t_ns) else None
@@ -251,11 +266,14 @@ class SetPoints:
         tilt_rad = STEP_SHARE * TILT_BOUND_RAD
         # The heading comes from the reference whichever process owns the slot, and it wraps: never limited.
         self._arbiter = CommandArbiter((STEP_SHARE * weight_n, tilt_rad, tilt_rad, math.inf))
+        self._faded_ns = 0
 
-    def take(self, t_ns, owners, setpoints, trips):
-        """The set point at an instant, from the inputs `position_owner`, `attitude_setpoint` and `trip`;
-        None if none is valid; one is for two control periods of its writer. If the owner has tripped and
-        no fallback has taken over yet, it is to be level, with the sequence 0 of no set point."""
+    def take(self, t_ns, owners, setpoints, trips, estimate):
+        """The set point at an instant, from the inputs `position_owner`, `attitude_setpoint` and `trip`, and the
+        newest state estimate, if there is one; None if none is valid, and the last one stays; one is for two
+        control periods of its writer. After two more without another, the last one fades, and the vehicle is
+        brought to rest; if the owner has tripped and no fallback has taken over yet, it is level at once. Both have
+        the sequence 0 of no set point."""
         arbiter = self._arbiter
         joins = arbiter.record is None
         records = [owners.before] if joins and owners.before else []
@@ -283,7 +301,8 @@ class SetPoints:
                 self._decide(at_ns)
         self._take_trips(t_ns, trips, waiting)
         arbiter.advance(t_ns)
-        return self._decide(t_ns) or arbiter.level(self._weight_n)
+        order = self._decide(t_ns) or arbiter.level(self._weight_n)
+        return order or self._fade(t_ns, estimate)
 
     def _decide(self, t_ns):
         """The set point that counts at an instant; None while the loop is to be level."""
@@ -292,6 +311,22 @@ class SetPoints:
             arbiter.reject(t_ns)
             return None
         return arbiter.decide(t_ns)
+
+    def _fade(self, t_ns, estimate):
+        """What is followed in place of the last set point when its end is two periods past."""
+        last = self._arbiter.lapsed(t_ns)
+        if last is None:
+            return None
+        two_periods_ns = last.valid_until_ns - last.valid_ns
+        since_ns = t_ns - max(last.valid_until_ns + two_periods_ns, self._faded_ns)
+        if since_ns < 0:
+            return None
+        left = FADES_S / (FADES_S + since_ns * 1e-9)
+        braking = braking_of(self._weight_n, last.value[3], estimate)
+        value = tuple(to + (value - to) * left for value, to in zip(last.value, braking))
+        self._faded_ns = t_ns
+        self._arbiter.replace_lapsed(value)
+        return Command(value, 0, None, 0, 0)
 
     def _take_trips(self, until_ns, trips, waiting):
         """Takes the trips in effect until an instant, each at its own, ahead of the set points then."""
@@ -328,6 +363,31 @@ class SetPoints:
         applied.seat = no_seat if arbiter.seat is None else arbiter.seat
         applied.failed_over = arbiter.failed_over
         applied.tripped = arbiter.tripped
+
+
+def braking_of(weight_n, yaw_rad, estimate):
+    """Thrust [N], roll, pitch and yaw [rad] that bring the vehicle to rest; without a finite estimate that is level,
+    and carries the weight."""
+    ahead, left, up = (0.0, 0.0, 0.0) if estimate is None else velocity_of(estimate)
+
+    def bounded(value, most):
+        return min(max(value, -most), most)
+
+    roll_rad = bounded(TILT_PER_SPEED_RAD_S_M * left, BRAKING_TILT_MAX_RAD)
+    pitch_rad = -bounded(TILT_PER_SPEED_RAD_S_M * ahead, BRAKING_TILT_MAX_RAD)
+    lift = 1.0 - bounded(LIFT_PER_SPEED_S_M * up, LIFT_MAX)
+    by_tilt = 1.0 + 0.5 * (roll_rad**2 + pitch_rad**2)
+    return (weight_n * lift * by_tilt, roll_rad, pitch_rad, yaw_rad)
+
+
+def velocity_of(estimate):
+    """Velocity ahead and to the left of the vehicle's heading, and up [m/s]; zeros for one that is not finite."""
+    q, (east, north, up) = estimate.q_wb, estimate.velocity_w_m_s
+    cosine, sine = 1.0 - 2.0 * (q.y**2 + q.z**2), 2.0 * (q.x * q.y + q.w * q.z)
+    length = math.hypot(cosine, sine) or math.nan
+    ahead, left = (cosine * east + sine * north) / length, (cosine * north - sine * east) / length
+    is_finite = all(map(math.isfinite, (ahead, left, up)))
+    return (ahead, left, up) if is_finite else (0.0, 0.0, 0.0)
 
 
 def record_of(sample):

@@ -74,10 +74,11 @@ class Attitude:
         return OUTPUTS
 
     def _take_setpoint(self, t_ns, loop):
-        """Takes the set point that counts; the last one stays if none does."""
+        """Takes the set point that counts, or what stands in for one; the last one stays if there is neither."""
         setpoints = loop.inputs["attitude_setpoint"]
         owners, trips = loop.inputs["position_owner"], loop.inputs["trip"]
-        command = self._setpoints.take(t_ns, owners, setpoints, trips)
+        estimate = loop.inputs["state_estimate"].value
+        command = self._setpoints.take(t_ns, owners, setpoints, trips, estimate)
         if command is not None:
             self._thrust_n, *angles_rad = command.value
             self._angles_rad, self._followed = tuple(angles_rad), command.sequence

@@ -4,6 +4,7 @@
 """
 
 import ctypes
+import math
 import pathlib
 import signal
 import subprocess
@@ -438,7 +439,7 @@ class SetPointRules(unittest.TestCase):
                 packed = bytes(Setpoint(1.0, roll_rad, 0.0, 0.0))
                 setpoints.arrive(Sample(t_ms * MS, 0, t_ms, 0, 0, packed))
             setpoints.accept(t_ms * MS, None)
-            command = slot.take(t_ms * MS, owners, setpoints, trips)
+            command = slot.take(t_ms * MS, owners, setpoints, trips, None)
             owners.fresh = []
             return command and command.sequence
 
@@ -446,6 +447,29 @@ class SetPointRules(unittest.TestCase):
         self.assertEqual(take(15, float("nan")), 5, "two periods are not over")
         self.assertIsNone(take(25))
         self.assertEqual(take(30, 0.1), 30)
+
+
+    def test_the_last_set_point_fades_and_the_vehicle_is_braked(self):
+        record = owner(1, 0, 0, periods_ms=(10, 0, 0, 0))
+        record.kind_changed = record.watched = 0
+        owners = types.SimpleNamespace(before=None, fresh=[0], value_of=lambda _: record)
+        setpoints = Input(Setpoint, list, "position", True)
+        slot, trips = SetPoints(1.0, 2), types.SimpleNamespace(before=None, fresh=[])
+        north = types.SimpleNamespace(w=0.5**0.5, x=0.0, y=0.0, z=0.5**0.5)
+        east_m_s = types.SimpleNamespace(q_wb=north, velocity_w_m_s=(1.0, 0.0, 0.0))
+        taken = {}
+        for t_ms in range(0, 5000, 10):
+            if t_ms == 0:
+                setpoints.arrive(Sample(0, 0, 1, 0, 0, bytes(Setpoint(1.0, 0.3, 0.2, 3.0))))
+            setpoints.accept(t_ms * MS, None)
+            command = slot.take(t_ms * MS, owners, setpoints, trips, east_m_s)
+            owners.fresh = []
+            taken[t_ms] = command and (command.sequence, *command.value)
+        self.assertIsNone(taken[30], "held for four periods")
+        self.assertAlmostEqual(taken[40][2], 0.3)
+        self.assertAlmostEqual(taken[540][2], -0.1 + 0.4 * math.exp(-1.0), 2)
+        for is_, wanted in zip(taken[4990], (0, 1.005, -0.1, 0.0, 3.0)):
+            self.assertAlmostEqual(is_, wanted, 4)
 
 
 class VehicleRules(unittest.TestCase):

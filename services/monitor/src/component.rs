@@ -152,8 +152,8 @@ impl Monitor {
         if said.setpoint_sequence > 0 && setpoint.iter().all(|number| number.is_finite()) {
             self.memory.setpoint = setpoint;
             self.memory.has_setpoint = true;
-        } else if said.setpoint_sequence == 0 && self.reports.has_tripped(said.seat) {
-            // Level in place of an owner that has tripped: there is no set point to compare with.
+        } else if said.setpoint_sequence == 0 {
+            // Level, or on the way to rest: there is no set point to compare with.
             self.memory.has_setpoint = false;
         }
     }

@@ -187,11 +187,6 @@ impl Reports {
         self.memory.tripped_ns = at_ns;
     }
 
-    /// Whether the position slot's owner on this seat has tripped.
-    pub(crate) fn has_tripped(&self, seat: u32) -> bool {
-        seat != NO_SEAT && seat == self.memory.tripped
-    }
-
     /// What is wrong with a report, if something is.
     pub fn hear(&mut self, said: &Said) -> Option<TripCause> {
         if self.ignores_trip(said) {
@@ -253,8 +248,12 @@ impl Reports {
             return Judged::Unfound;
         }
         if said.sequence == 0 {
-            // Nothing is tracked before the first.
-            return if of_seat.known().any(is_over) { Judged::Unfound } else { Judged::Open };
+            // None is tracked before the first, and after the last has faded for want of another.
+            let is_left_out = |asked: &Asked| {
+                let fades_ns = asked.valid_ns.saturating_add(4 * longest_ns);
+                is_over(asked) && said.release_ns < fades_ns
+            };
+            return if of_seat.known().any(is_left_out) { Judged::Unfound } else { Judged::Open };
         }
         if of_seat.known().all(|asked| asked.sequence > said.sequence)
             && of_seat.count > 0

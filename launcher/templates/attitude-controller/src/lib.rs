@@ -131,10 +131,10 @@ impl Controller {
         Self { gains, vehicle, period_s, memory, slot, tracking: false }
     }
 
-    /// Takes the set point that counts; the last one stays if none does.
+    /// Takes the set point that counts, or what stands in for one; the last one stays if there is neither.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
-        let Inputs { position_owner, attitude_setpoint, trip, .. } = inputs;
-        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip);
+        let Inputs { position_owner, attitude_setpoint, trip, state_estimate, .. } = inputs;
+        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip, state_estimate);
         if let Some(command) = taken {
             let [thrust_n, roll_rad, pitch_rad, yaw_rad] = command.value;
             self.memory.setpoint = [roll_rad, pitch_rad, yaw_rad, thrust_n];

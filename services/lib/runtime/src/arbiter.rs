@@ -7,6 +7,7 @@
 //! instant that is past then came too late and is refused. [`setpoints`] does all this for a loop that tracks
 //! attitude set points.
 
+mod rest;
 pub mod setpoints;
 
 use crate::input::Input;
@@ -191,6 +192,18 @@ impl CommandArbiter {
     pub fn forget_order(&mut self) {
         self.given_by = None;
         self.limiter.restore(&LimiterMemory::default());
+    }
+
+    /// The last order, if its end is past at `now_ns`.
+    #[must_use]
+    pub fn lapsed(&self, now_ns: u64) -> Option<&Command> {
+        let is_over = self.given_by.is_some() && now_ns >= self.given.valid_until_ns;
+        is_over.then_some(&self.given)
+    }
+
+    /// Says what is applied in place of the last order, which has lapsed: a change of kind continues from it.
+    pub fn replace_lapsed(&mut self, value: [f64; 4]) {
+        self.given.value = value;
     }
 
     /// When the fallback takes over unless the owner speaks again \[ns\].

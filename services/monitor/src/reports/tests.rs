@@ -111,6 +111,26 @@ fn a_report_that_names_no_set_point_and_an_empty_seat_is_false() {
 }
 
 #[test]
+fn a_report_that_names_no_set_point_is_true_once_the_last_one_has_faded() {
+    let mut reports = reports();
+    let hear = |reports: &mut Reports, periods: u64| {
+        let release_ns = asked(110, 1.0).valid_ns + periods * PERIOD_NS;
+        reports.hear(&Said { sequence: 0, release_ns, ..said(0, &asked(110, 1.0)) })
+    };
+    let silent: Vec<_> = (8..30).map(|periods| hear(&mut reports, periods)).collect();
+    assert_eq!(silent, [None; 22], "four periods of the position loop after the last one");
+    // Those that come then are to be taken, the first within its two periods.
+    let ignored = (30..45).map(|periods| {
+        if periods % 2 == 0 {
+            reports.ask(0, asked(110 + periods / 2, 1.0));
+        }
+        hear(&mut reports, periods)
+    });
+    let first = ignored.into_iter().position(|cause| cause == Some(TripCause::ReportFalse));
+    assert_eq!(first, Some(8));
+}
+
+#[test]
 fn a_trip_has_to_be_followed_within_two_periods_if_there_is_a_fallback() {
     let mut reports = reports();
     let owner = said(0, &asked(110, 1.0));
@@ -162,7 +182,7 @@ fn a_fallback_whose_last_word_was_over_before_the_trip_could_be_followed_is_none
 fn a_seat_that_there_is_not_and_a_set_point_of_nothing_are_no_way_out() {
     let mut reports = reports();
     let owner = said(0, &asked(110, 1.0));
-    let late = Said { release_ns: owner.release_ns + 100_000_000, ..owner };
+    let late = Said { release_ns: owner.release_ns + 60_000_000, ..owner };
     for forged in [Said { seat: NO_SEAT, ..owner }, Said { sequence: 0, ..late }] {
         assert_eq!([reports.hear(&forged), reports.hear(&forged)], [None; 2]);
         assert_eq!(reports.hear(&forged), Some(TripCause::ReportFalse));

@@ -62,10 +62,10 @@ impl<L: AttitudeLaw> AttitudeController<L> {
         Self { inner: AttitudeLoop::new(law, vehicle, timing, start_yaw_rad), slot, period_ns }
     }
 
-    /// Takes the set point that counts; the last one stays if none does.
+    /// Takes the set point that counts, or what stands in for one; the last one stays if there is neither.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
-        let Inputs { position_owner, attitude_setpoint, trip, .. } = inputs;
-        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip);
+        let Inputs { position_owner, attitude_setpoint, trip, state_estimate, .. } = inputs;
+        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip, state_estimate);
         let slot = self.slot.memory();
         let common = self.inner.common_mut();
         common.slot = slot;

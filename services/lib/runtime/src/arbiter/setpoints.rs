@@ -1,10 +1,11 @@
 //! The position slot's consumer, and what its owner reads back from the attitude slot.
 
+use super::rest::{braking, faded};
 use super::{ArbiterMemory, CommandArbiter, Selection};
 use crate::input::Input;
 use core::slice::Iter;
 use shared_types::{
-    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, Flag, OwnerRecord, Role, Trip,
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, Flag, OwnerRecord, Role, StateEstimate, Trip,
 };
 use slot::{Authority, Command};
 
@@ -21,6 +22,8 @@ shared_types::memory! {
         pub arbiter: ArbiterMemory,
         /// Set points refused because they are not finite.
         pub refused: u64,
+        /// Until when the last set point has faded \[ns\].
+        pub faded_ns: u64,
     }
 }
 
@@ -29,6 +32,7 @@ shared_types::memory! {
 pub struct SetpointSlot {
     arbiter: CommandArbiter,
     refused: u64,
+    faded_ns: u64,
     limit: [f64; 4],
     weight_n: f64,
 }
@@ -40,18 +44,20 @@ impl SetpointSlot {
         let tilt = STEP_SHARE * TILT_BOUND_RAD;
         // The heading comes from the reference whichever process owns the slot, and it wraps: never limited.
         let limit = [STEP_SHARE * weight_n, tilt, tilt, f64::INFINITY];
-        Self { arbiter: CommandArbiter::new(), refused: 0, limit, weight_n }
+        Self { arbiter: CommandArbiter::new(), refused: 0, faded_ns: 0, limit, weight_n }
     }
 
-    /// The set point to track at `now_ns`, its value T \[N\], φ, θ, ψ \[rad\]; `None` if none is valid;
-    /// one is for two control periods of its writer. If the owner has tripped and no fallback has taken over yet,
-    /// it is to be level and carry the weight, with the sequence 0 of no set point.
+    /// The set point to track at `now_ns`, its value T \[N\], φ, θ, ψ \[rad\]; `None` if none is valid, and the last one
+    /// stays; one is for two control periods of its writer. After two more without another, the last one fades, and the
+    /// vehicle is brought to rest; if the owner has tripped and no fallback has taken over yet, it is level at once. Both
+    /// have the sequence 0 of no set point.
     pub fn take(
         &mut self,
         now_ns: u64,
         records: &Input<OwnerRecord>,
         setpoints: &Input<AttitudeSetpoint>,
         trips: &Input<Trip>,
+        estimates: &Input<StateEstimate>,
     ) -> Option<Command> {
         let joins = self.arbiter.consumer.record().is_none();
         self.arbiter.hear(records);
@@ -84,7 +90,10 @@ impl SetpointSlot {
         self.take_trips(now_ns, &mut trips);
         self.arbiter.advance(now_ns);
         let order = self.decide(now_ns);
-        order.map(|order| order.command).or_else(|| self.level())
+        order
+            .map(|order| order.command)
+            .or_else(|| self.level())
+            .or_else(|| self.fade(now_ns, estimates.latest()))
     }
 
     /// Whose set point counts at an instant. After a trip none counts until the fallback has had two periods to see
@@ -111,6 +120,19 @@ impl SetpointSlot {
             self.arbiter.forget_order();
             Command { value: [self.weight_n, 0.0, 0.0, yaw_rad], ..Command::default() }
         })
+    }
+
+    /// What is tracked in place of the last set point when its end is two periods past.
+    fn fade(&mut self, now_ns: u64, estimate: Option<&StateEstimate>) -> Option<Command> {
+        let last = *self.arbiter.lapsed(now_ns)?;
+        let [.., yaw_rad] = last.value;
+        let two_periods_ns = last.valid_until_ns.saturating_sub(last.effective_ns);
+        let from_ns = last.valid_until_ns.saturating_add(two_periods_ns).max(self.faded_ns);
+        let since_ns = now_ns.checked_sub(from_ns)?;
+        let value = faded(&last.value, &braking(self.weight_n, yaw_rad, estimate), since_ns);
+        self.faded_ns = now_ns;
+        self.arbiter.replace_lapsed(value);
+        Some(Command { value, ..Command::default() })
     }
 
     /// Takes the trips in effect until `until_ns`, each at its own instant, ahead of the set points then.
@@ -169,13 +191,14 @@ impl SetpointSlot {
     /// Everything that evolves.
     #[must_use]
     pub fn memory(&self) -> SetpointMemory {
-        SetpointMemory { arbiter: self.arbiter.memory(), refused: self.refused }
+        let Self { refused, faded_ns, .. } = *self;
+        SetpointMemory { arbiter: self.arbiter.memory(), refused, faded_ns }
     }
 
     /// Continues from a memory, bit for bit.
     pub fn restore(&mut self, memory: &SetpointMemory) {
         self.arbiter.restore(&memory.arbiter);
-        self.refused = memory.refused;
+        (self.refused, self.faded_ns) = (memory.refused, memory.faded_ns);
     }
 }
 
@@ -205,6 +228,8 @@ impl Input<AppliedSetpoint> {
 mod tests {
     use super::*;
     use shared_types::Header;
+
+    const MS: u64 = 1_000_000;
 
     fn said(valid_ns: u64, seat: u32) -> AppliedSetpoint {
         let header = Header { sequence: valid_ns + 1, valid_ns, seat, ..Header::default() };
@@ -269,7 +294,7 @@ mod tests {
                 setpoints.offer(AttitudeSetpoint { header, roll_rad, ..Default::default() });
             }
             setpoints.accept(now_ns, None);
-            slot.take(now_ns, &records, &setpoints, &Input::default())
+            slot.take(now_ns, &records, &setpoints, &Input::default(), &Input::default())
                 .map(|command| command.sequence)
         };
         assert_eq!(take(5, Some(0.1)), Some(6));
@@ -277,6 +302,46 @@ mod tests {
         assert_eq!(take(25, None), None);
         assert_eq!(take(30, Some(0.1)), Some(31));
         assert_eq!(slot.refused(), 1);
+    }
+
+    #[test]
+    fn the_last_set_point_fades_when_its_end_is_two_periods_past() {
+        let (mut records, mut setpoints) = (Input::default(), Input::default());
+        let mut estimates = Input::default();
+        records.offer(OwnerRecord {
+            epoch: 1,
+            period_ns: [20 * MS, 0, 0, 0],
+            ..Default::default()
+        });
+        records.accept(0, None);
+        estimates.offer(StateEstimate { velocity_w_m_s: [0.0, 1.0, 0.0], ..Default::default() });
+        estimates.accept(0, None);
+        let mut slot = SetpointSlot::new(2.0);
+        let mut taken = Vec::new();
+        for now_ms in (0..=3200).step_by(10) {
+            if [0, 3200].contains(&now_ms) {
+                let valid_ns = now_ms * MS;
+                let header = Header { sequence: now_ms + 1, valid_ns, ..Header::default() };
+                setpoints.offer(AttitudeSetpoint { header, roll_rad: 0.3, ..Default::default() });
+            }
+            setpoints.accept(now_ms * MS, None);
+            let none = Input::default();
+            let command = slot.take(now_ms * MS, &records, &setpoints, &none, &estimates);
+            taken.push(command.map(|command| (command.sequence, command.value[1])));
+            if now_ms == 500 {
+                let memory = slot.memory();
+                slot = SetpointSlot::new(2.0);
+                slot.restore(&memory);
+            }
+        }
+        assert_eq!(taken[3], Some((1, 0.3)));
+        assert_eq!(taken[4..8], [None; 4]);
+        assert_eq!(taken[8], Some((0, 0.3)));
+        let roll_rad: Vec<f64> = taken[8..320].iter().flatten().map(|(_, roll)| *roll).collect();
+        assert!(roll_rad.is_sorted_by(|a, b| a > b) && roll_rad.len() == 312);
+        assert!((roll_rad[50] - 0.1 - 0.2 * (-1.0_f64).exp()).abs() < 1e-3, "{}", roll_rad[50]);
+        assert!((roll_rad[311] - 0.1).abs() < 1e-3, "{}", roll_rad[311]);
+        assert_eq!(taken[320], Some((3201, 0.3)));
     }
 
     #[test]
@@ -311,7 +376,9 @@ mod tests {
             }
             setpoints.accept(now_ns, None);
             trips.accept(now_ns, None);
-            let command = slot.take(now_ns, &records, &setpoints, &trips).expect("a set point");
+            let command = slot
+                .take(now_ns, &records, &setpoints, &trips, &Input::default())
+                .expect("a set point");
             let is_told = slot.applied().tripped.is_set();
             taken.push((command.sequence, command.value[1], is_told));
         }
@@ -356,7 +423,7 @@ mod tests {
             records.accept(now_ns, None);
             setpoints.accept(now_ns, None);
             trips.accept(now_ns, None);
-            let command = slot.take(now_ns, &records, &setpoints, &trips);
+            let command = slot.take(now_ns, &records, &setpoints, &trips, &Input::default());
             taken.push(command.map(|command| command.value[1]));
         }
         // The owner of the second record has said nothing yet: the last one stays, and that is level.
