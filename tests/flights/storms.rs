@@ -46,7 +46,11 @@ fn fly_storms(
     for seed in seeds {
         flown.push(seed);
         let acts = storm(seed, kind);
-        for finding in fly_one(seed, &acts) {
+        let findings = fly_one(seed, &acts);
+        if !findings.is_empty() {
+            println!("storm {seed}: {acts:?}");
+        }
+        for finding in findings {
             println!("storm {seed}: {finding}");
             found.push(format!("storm {seed}: {finding}"));
         }

@@ -201,9 +201,10 @@ impl Flight {
         let takes_all = takes_all_memory(scenario, bus.reservation().taken_mb());
         let policy = restart_policy(scenario, takes_all);
         let are_several = !core::mem::replace(&mut checkpoint.of.is_swept, false);
-        let leftovers = Leftovers::of(&bus, are_several, takes_all);
         let mut started = StartedFirst::of(checkpoint, folder, &bus, policy.room);
         let services = HeldServices::take_over(&bus)?;
+        // Services that nothing but the dead hold would vanish with them.
+        let leftovers = Leftovers::of(&bus, are_several, takes_all);
         let of = Of { adoptions: checkpoint.of.adoptions + 1, ..checkpoint.of.clone() };
         let give_up_ns = mono_now_ns() + SWEEP_LIMIT_NS;
         // Services admit only so many readers and writers: as a rule there is room beside the dead launcher's, and if

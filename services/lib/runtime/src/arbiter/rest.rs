@@ -49,11 +49,13 @@ pub(super) fn faded(from: &[f64; 4], to: &[f64; 4], after_ns: u64) -> [f64; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core::f64::consts::FRAC_1_SQRT_2;
     use shared_types::Quaternion;
 
-    fn moving(velocity_w_m_s: [f64; 3], heading_rad: f64) -> StateEstimate {
-        let half = 0.5 * heading_rad;
-        let q_wb = Quaternion { w: half.cos(), z: half.sin(), ..Quaternion::default() };
+    /// Looks to the north.
+    const NORTH: Quaternion = Quaternion::from_array([FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2]);
+
+    fn moving(velocity_w_m_s: [f64; 3], q_wb: Quaternion) -> StateEstimate {
         StateEstimate { velocity_w_m_s, q_wb, ..StateEstimate::default() }
     }
 
@@ -65,22 +67,22 @@ mod tests {
     #[test]
     fn a_vehicle_is_tilted_against_its_velocity_in_the_frame_of_its_heading() {
         assert_near(braking(2.0, 0.7, None), [2.0, 0.0, 0.0, 0.7]);
-        let east = moving([1.0, 0.0, 0.0], 0.0);
+        let east = moving([1.0, 0.0, 0.0], Quaternion::IDENTITY);
         assert_near(braking(2.0, 0.0, Some(&east)), [2.01, 0.0, -0.1, 0.0]);
         // To the east is to the right of a vehicle that looks to the north.
-        let north = moving([1.0, 0.0, 0.0], core::f64::consts::FRAC_PI_2);
+        let north = moving([1.0, 0.0, 0.0], NORTH);
         assert_near(braking(2.0, 0.0, Some(&north)), [2.01, -0.1, 0.0, 0.0]);
-        let falling = moving([0.0, 0.0, -1.0], 0.0);
+        let falling = moving([0.0, 0.0, -1.0], Quaternion::IDENTITY);
         assert_near(braking(2.0, 0.0, Some(&falling)), [2.2, 0.0, 0.0, 0.0]);
-        let fast = moving([9.0, 0.0, -9.0], 0.0);
+        let fast = moving([9.0, 0.0, -9.0], Quaternion::IDENTITY);
         assert_near(braking(2.0, 0.0, Some(&fast)), [2.0 * 1.3 * 1.02, 0.0, -0.2, 0.0]);
     }
 
     #[test]
     fn an_estimate_that_is_not_finite_is_none() {
-        let estimate = moving([f64::NAN, 0.0, 0.0], 0.0);
+        let estimate = moving([f64::NAN, 0.0, 0.0], NORTH);
         assert_near(braking(2.0, 0.0, Some(&estimate)), [2.0, 0.0, 0.0, 0.0]);
-        let unknown = StateEstimate { q_wb: Quaternion::default(), ..moving([1.0; 3], 0.0) };
+        let unknown = moving([1.0; 3], Quaternion::default());
         assert!(braking(2.0, 0.0, Some(&unknown)).iter().all(|number| number.is_finite()));
     }
 
@@ -90,8 +92,8 @@ mod tests {
         let after =
             |steps: u64| (0..steps).fold(from, |value, _| faded(&value, &to, 1_000_000_000 / 500));
         assert_near(after(0), from);
-        let share = (-1.0_f64).exp();
-        assert!((after(250)[1] / 0.3 - share).abs() < 2e-3, "{:?}", after(250));
+        // exp(-1)
+        assert!((after(250)[1] / 0.3 - 0.367_879).abs() < 2e-3, "{:?}", after(250));
         assert!(after(2500)[1] < 3e-5);
     }
 }

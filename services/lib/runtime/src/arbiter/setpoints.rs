@@ -339,7 +339,8 @@ mod tests {
         assert_eq!(taken[8], Some((0, 0.3)));
         let roll_rad: Vec<f64> = taken[8..320].iter().flatten().map(|(_, roll)| *roll).collect();
         assert!(roll_rad.is_sorted_by(|a, b| a > b) && roll_rad.len() == 312);
-        assert!((roll_rad[50] - 0.1 - 0.2 * (-1.0_f64).exp()).abs() < 1e-3, "{}", roll_rad[50]);
+        // A fifth of a radian, times exp(-1).
+        assert!((roll_rad[50] - 0.1 - 0.073_576).abs() < 1e-3, "{}", roll_rad[50]);
         assert!((roll_rad[311] - 0.1).abs() < 1e-3, "{}", roll_rad[311]);
         assert_eq!(taken[320], Some((3201, 0.3)));
     }

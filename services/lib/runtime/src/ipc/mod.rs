@@ -5,41 +5,42 @@
 //! a stopped reader never blocks a writer.
 
 mod bare;
+mod error;
 mod lead;
 mod names;
 mod payload;
 mod ports;
 mod registry;
 mod state;
+mod sweeper;
 mod turns;
 mod wake;
 
 pub use bare::{BareEvents, BareListener, BareNotifier, BareReader, BareWriter};
+pub use error::PortError;
 pub use names::ServiceKind;
 pub use ports::{IpcSink, IpcSource, LatestPort, TopicFactory};
 pub use registry::Stray;
 use registry::{Authority, SharedRegistry};
 pub use state::{StatePublisher, StateService, StateSubscriber};
+pub use sweeper::Sweeper;
 pub use turns::{NumberedAnswer, NumberedOrder, Order, TurnGiver, TurnTaker};
 pub use wake::{WakeListener, WakeNotifier};
 
 use crate::clock::{mono_now_ns, sleep_until};
 use crate::graph::READER_CAPACITY;
 use crate::namespace::{Reservation, SpareLinks};
-use iceoryx2::port::publisher::PublisherCreateError;
-use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::prelude::{
-    AttributeSpecifier, CallbackProgression, Config, FilePath, LogLevel, MessagingPattern,
-    Node as IpcNode, NodeBuilder, NodeState, SemanticString, Service as _, ServiceName,
-    SignalHandlingMode, ZeroCopySend, ipc, set_log_level,
+    AttributeSpecifier, AttributeVerifier, Config, FilePath, LogLevel, MessagingPattern,
+    Node as IpcNode, NodeBuilder, SemanticString, Service as _, ServiceName, SignalHandlingMode,
+    ZeroCopySend, ipc, set_log_level,
 };
+use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::{Schema, Wire};
 use shared_types::{Edge, NodeId, Role, Sample, Topic, TopicInfo, topics};
-use std::io;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use thiserror::Error;
 
 /// The service variant used throughout.
 pub type Ipc = ipc::Service;
@@ -98,116 +99,6 @@ impl Crowd {
                 Self { readers: 2 * MAX_PROCESSES + WATCHERS, writers: LAUNCHERS }
             }
             _ => Self { readers, writers: 8 },
-        }
-    }
-}
-
-/// Frees what dead processes of a run leave behind. Needs no connection, so that any thread can do it.
-#[derive(Debug, Clone)]
-pub struct Sweeper {
-    config: Config,
-}
-
-impl Sweeper {
-    /// Frees it. `drain` takes what they have sent, once it is known which they are: of one that dies meanwhile nothing is
-    /// freed before the next sweep.
-    pub fn sweep(&self, drain: &mut dyn FnMut()) {
-        let mut dead = Vec::new();
-        let look = |state| {
-            if let NodeState::Dead(node) = state {
-                dead.push(node);
-            }
-            CallbackProgression::Continue
-        };
-        // Nodes behind one that cannot be looked at are found by the next sweep.
-        let _ = IpcNode::<Ipc>::list(&self.config, look);
-        drain();
-        for node in dead {
-            // Another process may be removing the same one.
-            let _ = node.try_remove_stale_resources();
-        }
-    }
-}
-
-/// Why a port cannot be had.
-#[derive(Debug, Error)]
-pub enum PortError {
-    /// Two builds disagree about a type.
-    #[error(
-        "service {service}: this executable lays out {type_name} as {ours}, the run as {theirs}: rebuild both from the same source"
-    )]
-    Layout {
-        /// Service name.
-        service: String,
-        /// Sample type.
-        type_name: &'static str,
-        /// Our layout hash.
-        ours: String,
-        /// The run's layout hash.
-        theirs: String,
-    },
-    /// The run cannot be led.
-    #[error("cannot say in {} who leads the run: {source}", folder.display())]
-    Lead {
-        /// The run's folder.
-        folder: PathBuf,
-        /// Why not.
-        source: io::Error,
-    },
-    /// The services of the run cannot be linked a second time.
-    #[error("cannot link the services of the run in {}: {source}", folder.display())]
-    Spare {
-        /// The run's folder.
-        folder: PathBuf,
-        /// Why not.
-        source: io::Error,
-    },
-    /// A service has as many readers or writers as it admits, those of dead processes among them until they are freed.
-    #[error("service {service}: cannot {action}: it admits no more")]
-    Full {
-        /// Service name.
-        service: String,
-        /// What was tried.
-        action: &'static str,
-    },
-    /// The transport refused.
-    #[error("service {service}: cannot {action}: {reason}")]
-    Transport {
-        /// Service name.
-        service: String,
-        /// What was tried.
-        action: &'static str,
-        /// Why it failed.
-        reason: String,
-    },
-}
-
-impl PortError {
-    fn transport<E: core::fmt::Debug>(
-        service: &str,
-        action: &'static str,
-    ) -> impl FnOnce(E) -> Self + use<E> {
-        let service = service.to_owned();
-        move |error| Self::Transport { service, action, reason: format!("{error:?}") }
-    }
-
-    fn no_reader(service: &str, error: SubscriberCreateError) -> Self {
-        let action = "create a reader";
-        match error {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
-                Self::Full { service: service.to_owned(), action }
-            }
-            error => Self::transport(service, action)(error),
-        }
-    }
-
-    fn no_writer(service: &str, error: PublisherCreateError) -> Self {
-        let action = "create a writer";
-        match error {
-            PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                Self::Full { service: service.to_owned(), action }
-            }
-            error => Self::transport(service, action)(error),
         }
     }
 }
@@ -325,17 +216,6 @@ impl Bus {
         registry::node_id(*self.node().id())
     }
 
-    /// As [`Sweeper::sweep`]; only the launcher does this.
-    pub fn sweep_dead_processes(&self, drain: &mut dyn FnMut()) {
-        self.sweeper().sweep(drain);
-    }
-
-    /// What frees what dead processes of this run leave behind.
-    #[must_use]
-    pub fn sweeper(&self) -> Sweeper {
-        Sweeper { config: self.node().config().clone() }
-    }
-
     /// Creates a topic's service (launcher only).
     ///
     /// # Errors
@@ -375,9 +255,13 @@ impl Bus {
         &self,
         service: &str,
     ) -> Result<TopicFactory<T>, PortError> {
-        self.check_layout(service, &T::SCHEMA)?;
         let open = payload::maker::<T>(service)?.open;
-        open(self, service).map(TopicFactory)
+        // Looking up with what layout it was created takes as long as to open it.
+        let opened = open(self, service).or_else(|error| {
+            self.check_layout(service, &T::SCHEMA)?;
+            Err(error)
+        });
+        opened.map(TopicFactory)
     }
 
     fn create_payload<T: Wire + ZeroCopySend>(
@@ -387,12 +271,9 @@ impl Bus {
         history: usize,
         crowd: Crowd,
     ) -> Result<PortFactory<Ipc, T, ()>, PortError> {
-        let layout = layout_attribute(T::SCHEMA.layout_hash);
+        let (key, layout) = layout_attribute::<T>(service)?;
         let attributes = AttributeSpecifier::new()
-            .define(
-                &LAYOUT_KEY.try_into().map_err(PortError::transport(service, "name a key"))?,
-                &layout.as_str().try_into().map_err(PortError::transport(service, "set a key"))?,
-            )
+            .define(&key, &layout)
             .map_err(PortError::transport(service, "define attributes"))?;
         self.node()
             .service_builder(&service_name(service)?)
@@ -412,10 +293,14 @@ impl Bus {
         &self,
         service: &str,
     ) -> Result<PortFactory<Ipc, T, ()>, PortError> {
+        let (key, layout) = layout_attribute::<T>(service)?;
+        let same_layout = AttributeVerifier::new()
+            .require(&key, &layout)
+            .map_err(PortError::transport(service, "require attributes"))?;
         self.node()
             .service_builder(&service_name(service)?)
             .publish_subscribe::<T>()
-            .open()
+            .open_with_attributes(&same_layout)
             .map_err(PortError::transport(service, "open the service"))
     }
 
@@ -429,7 +314,7 @@ impl Bus {
 
     /// Compares the layout that a type has here with the one that a service was created with.
     fn check_layout(&self, service: &str, schema: &Schema) -> Result<(), PortError> {
-        let ours = layout_attribute(schema.layout_hash);
+        let ours = layout_text(schema);
         let theirs = self.layout_of(&service_name(service)?)?;
         if theirs == ours {
             return Ok(());
@@ -448,7 +333,7 @@ impl Bus {
                 action: "find the service",
                 reason: "this run has no such topic, or another program has removed it".to_owned(),
             })?;
-        let key = LAYOUT_KEY.try_into().map_err(PortError::transport(service, "name a key"))?;
+        let key = layout_key(service)?;
         Ok(details
             .static_details
             .attributes()
@@ -457,8 +342,19 @@ impl Bus {
     }
 }
 
-fn layout_attribute(hash: u64) -> String {
-    format!("{hash:016x}")
+fn layout_text(schema: &Schema) -> String {
+    format!("{:016x}", schema.layout_hash)
+}
+
+fn layout_key(service: &str) -> Result<AttributeKey, PortError> {
+    LAYOUT_KEY.try_into().map_err(PortError::transport(service, "name a key"))
+}
+
+/// By which a service tells how its type is laid out.
+fn layout_attribute<T: Wire>(service: &str) -> Result<(AttributeKey, AttributeValue), PortError> {
+    let text = layout_text(&T::SCHEMA);
+    let value = text.as_str().try_into().map_err(PortError::transport(service, "set a key"))?;
+    Ok((layout_key(service)?, value))
 }
 
 fn service_name(name: &str) -> Result<ServiceName, PortError> {
