@@ -255,9 +255,9 @@ impl Bus {
         &self,
         service: &str,
     ) -> Result<TopicFactory<T>, PortError> {
-        let open = payload::maker::<T>(service)?.open;
+        let opened = payload::maker::<T>(service).and_then(|maker| (maker.open)(self, service));
         // Looking up with what layout it was created takes as long as to open it.
-        let opened = open(self, service).or_else(|error| {
+        let opened = opened.or_else(|error| {
             self.check_layout(service, &T::SCHEMA)?;
             Err(error)
         });
