@@ -120,6 +120,7 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
         })
         .collect();
     records.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    let known_from_s = records.first().map_or(f64::INFINITY, |(_, record)| record.from_s);
     let commands = commands_of(flight);
     let (mut wrong, mut first, mut before_s) = (0_u32, None, None);
     let joined_s = flight.ticks.first().filter(|tick| tick.values[5] > 0.0).map(|tick| tick.t_s);
@@ -140,10 +141,12 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
             continue;
         }
         let key = [seat.to_bits(), sequence.to_bits()];
-        // A launcher that took over has not heard what was in effect then.
+        // A launcher that took over has not heard what was in effect then, or not by whose record.
         let is_from_before = joined_s.is_some_and(|joined_s| t_s < joined_s + CARRIED_S);
         let mut heard = commands.get(&key).into_iter().flatten();
-        if is_from_before && !heard.any(|command| command.from_s <= t_s + EPSILON_S) {
+        let is_known =
+            |command: &Command| (known_from_s..=t_s + EPSILON_S).contains(&command.from_s);
+        if is_from_before && !heard.any(is_known) {
             continue;
         }
         let counts = commands.get(&key).into_iter().flatten().find(|command| {
