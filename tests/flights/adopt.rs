@@ -152,7 +152,11 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
     println!("of what had been drained when its launcher was killed, {lost_ms:.0} ms are lost");
     let second: PathBuf = summary["recording"].as_str().expect("a recording").into();
     assert!(second.ends_with(format!("{run}-adopted-1.mcap")), "{}", second.display());
-    assert!(Recording::read(&second).count_messages_of_a_complete_file() > 1000);
+    let recording = Recording::read(&second);
+    assert!(recording.count_messages_of_a_complete_file() > 1000);
+    let records = recording.series("attitude_owner", &["epoch"]);
+    let ticks = recording.series("applied_command", &["epoch"]);
+    assert!(records[0].t_s < ticks[0].t_s, "the record then in effect is there: {records:?}");
     assert_eq!(continued_by(&second), format!("{run}.mcap"));
     let (code, said) = say(&["replay", &second.to_string_lossy(), "--verify"]);
     assert_eq!(code, Some(2), "{said}");

@@ -20,7 +20,7 @@ use thiserror::Error;
 /// Name of the file.
 const FILE: &str = "launcher.json";
 /// Raised when the file changes its shape.
-const FORMAT: u32 = 5;
+const FORMAT: u32 = 6;
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
@@ -63,7 +63,10 @@ pub(super) struct Checkpoint {
     pub(super) of: Of,
     pub(super) clock: Packed<ClockRecord>,
     pub(super) registry: Vec<Packed<RegistryEntry>>,
+    /// The last of each slot.
     pub(super) owners: Vec<Packed<OwnerRecord>>,
+    /// The one before it, which may still be in effect.
+    pub(super) owners_before: Vec<Packed<OwnerRecord>>,
     pub(super) guidance: Packed<GuidanceOrder>,
     pub(super) disturbance: Packed<DisturbanceOrder>,
     pub(super) posts: Vec<PostNote>,
@@ -212,6 +215,7 @@ impl CheckpointWriter {
             clock: Packed(*clock),
             registry: Vec::new(),
             owners: Vec::new(),
+            owners_before: Vec::new(),
             guidance: Packed::default(),
             disturbance: Packed::default(),
             posts: Vec::new(),
@@ -235,18 +239,22 @@ impl CheckpointWriter {
         self.checkpoint.disturbance = Packed(*disturbance);
     }
 
-    /// Notes who there is and who commands.
+    /// Notes who there is and who commands: of each slot the record before the last one, and that one.
     pub(super) fn write<'a>(
         &mut self,
         registry: &[RegistryEntry],
-        owners: impl Iterator<Item = &'a OwnerRecord>,
+        owners: impl Iterator<Item = [&'a OwnerRecord; 2]>,
         posts: impl Iterator<Item = PostNote>,
     ) {
         if self.checkpoint.clock.0.mode == ClockMode::Lockstep {
             return;
         }
         self.checkpoint.registry = registry.iter().copied().map(Packed).collect();
-        self.checkpoint.owners = owners.filter(|r| r.epoch > 0).copied().map(Packed).collect();
+        let (before, last): (Vec<_>, Vec<_>) = owners.map(|[before, last]| (before, last)).unzip();
+        let noted = |records: Vec<&OwnerRecord>| -> Vec<_> {
+            records.into_iter().filter(|record| record.epoch > 0).copied().map(Packed).collect()
+        };
+        (self.checkpoint.owners_before, self.checkpoint.owners) = (noted(before), noted(last));
         self.checkpoint.posts = posts.collect();
         self.save();
     }
@@ -288,6 +296,7 @@ mod tests {
         let mut checkpoint_writer = CheckpointWriter::open(&folder, of(), ClockMode::Realtime);
         let entry = RegistryEntry { node: [u64::MAX, 7], period_ns: 3, ..RegistryEntry::default() };
         let record = OwnerRecord { epoch: 4, owner: 1, ..OwnerRecord::default() };
+        let before = OwnerRecord { epoch: 3, ..record };
         let clock = ClockRecord {
             speed: 0.1,
             end_ns: u64::MAX - 1,
@@ -297,7 +306,7 @@ mod tests {
         checkpoint_writer.clock(&clock);
         checkpoint_writer.write(
             &[entry],
-            [record, OwnerRecord::default()].iter(),
+            [[&before, &record], [&OwnerRecord::default(); 2]].into_iter(),
             core::iter::empty(),
         );
         assert_eq!(checkpoint_writer.take_trouble(), None);
@@ -308,6 +317,8 @@ mod tests {
         );
         assert_eq!(checkpoint.owners.len(), 1, "before the first there is none");
         assert_eq!((checkpoint.owners[0].0.epoch, checkpoint.owners[0].0.owner), (4, 1));
+        let before: Vec<_> = checkpoint.owners_before.iter().map(|record| record.0.epoch).collect();
+        assert_eq!(before, [3]);
         assert_eq!(checkpoint.clock.0.end_ns, u64::MAX - 1);
         assert_eq!(checkpoint.clock.0.speed.to_bits(), 0.1_f64.to_bits());
         fs::remove_dir_all(folder).unwrap();
@@ -341,7 +352,7 @@ mod tests {
         let mut checkpoint_writer =
             CheckpointWriter::open(Path::new("/nowhere/at/all"), of(), ClockMode::Realtime);
         assert!(checkpoint_writer.take_trouble().unwrap().contains("/nowhere/at/all"));
-        checkpoint_writer.write(&[], [].iter(), core::iter::empty());
+        checkpoint_writer.write(&[], core::iter::empty(), core::iter::empty());
         assert_eq!(checkpoint_writer.take_trouble(), None);
     }
 }

@@ -4,7 +4,9 @@ use record::Stream;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, IpcSource, LatestPort, PortError, StateSubscriber, recorder_capacity};
 use runtime::{Graph, SeatMarks, Source as _, StateHeader};
-use shared_types::{Header, Progress, Sample, Seat, Topic, TopicVisitor, topics};
+use shared_types::{
+    Header, OwnerRecord, Progress, Sample, Seat, Slot, Topic, TopicVisitor, topics,
+};
 use simulate::Sinks;
 
 /// For how long a service may admit no more readers \[ns\].
@@ -121,6 +123,17 @@ impl Tap {
         };
         let (promised, marks) = (Vec::new(), SeatMarks::default());
         Ok(Self { ports, seats, promised, marks, opened_mono_ns: mono_now_ns(), sinks })
+    }
+
+    /// Records who owned a slot before this launcher came: that is said no more, and what flew by it is in the recording.
+    pub(crate) fn record_owner(&mut self, record: &OwnerRecord) {
+        let slot = Slot::ALL.into_iter().find(|slot| slot.spec().role == record.slot);
+        let Some(topic) = slot.map(|slot| slot.spec().owner).filter(|_| record.epoch > 0) else {
+            return;
+        };
+        if let Some(stream) = self.sinks.stream(&topic.info) {
+            self.sinks.take(topic, stream, record, mono_now_ns());
+        }
     }
 
     /// Last complete state published from a seat; none before the first.

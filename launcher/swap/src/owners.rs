@@ -90,6 +90,7 @@ pub struct SlotOwner {
     /// Role of the slot.
     pub role: Role,
     sink: IpcSink<OwnerRecord>,
+    before: OwnerRecord,
     last: OwnerRecord,
 }
 
@@ -102,9 +103,15 @@ impl SlotOwner {
         let open = |slot: Slot| {
             let SlotSpec { role, owner, .. } = *slot.spec();
             let last = OwnerRecord { slot: role, fallback: NO_SEAT, ..OwnerRecord::default() };
-            Ok(Self { role, sink: bus.writer(owner)?, last })
+            Ok(Self { role, sink: bus.writer(owner)?, before: last, last })
         };
         Slot::ALL.into_iter().map(open).collect()
+    }
+
+    /// The record before the last one, which may still be in effect; of epoch 0 if there is none.
+    #[must_use]
+    pub fn before(&self) -> &OwnerRecord {
+        &self.before
     }
 
     /// The last record; of epoch 0 before the first.
@@ -130,6 +137,10 @@ impl SlotOwner {
 
     /// Takes a record that is to be announced.
     pub fn take(&mut self, record: OwnerRecord, marks: &mut SeatMarks) {
+        // One that is said again comes after itself.
+        if record.epoch > self.last.epoch {
+            self.before = self.last;
+        }
         self.last = record;
         if let Some(book) = marks.book(self.role) {
             book.learn(&self.last);

@@ -44,7 +44,7 @@ impl Supervisor {
         };
         // What is noted from here on must hold for the next launcher, should this one die.
         for slot in &mut supervisor.slots {
-            if let Some(record) = record_of(checkpoint, slot.role) {
+            for record in records_of(checkpoint, slot.role) {
                 slot.take(*record, &mut SeatMarks::default());
             }
         }
@@ -119,8 +119,11 @@ impl Supervisor {
         self.registry.publish();
         tap.marks.learn_registry(self.registry.entries());
         for slot in &mut self.slots {
-            if let Some(record) = record_of(checkpoint, slot.role) {
+            for record in records_of(checkpoint, slot.role) {
                 slot.take(*record, &mut tap.marks);
+            }
+            if slot.epoch() > 0 {
+                tap.record_owner(slot.before());
                 slot.publish();
             }
         }
@@ -172,7 +175,7 @@ impl Supervisor {
         self.checkpoint_writer.orders(guidance, disturbance);
         self.checkpoint_writer.write(
             self.registry.entries(),
-            self.slots.iter().map(SlotOwner::last),
+            self.slots.iter().map(|slot| [slot.before(), slot.last()]),
             posts,
         );
         if let Some(text) = self.checkpoint_writer.take_trouble() {
@@ -181,9 +184,10 @@ impl Supervisor {
     }
 }
 
-/// What was said last of who owns a slot.
-fn record_of(checkpoint: &Checkpoint, slot: Role) -> Option<&OwnerRecord> {
-    checkpoint.owners.iter().map(|record| &record.0).find(|record| record.slot == slot)
+/// What was said of who owns a slot: the record before the last one, and that one.
+fn records_of(checkpoint: &Checkpoint, slot: Role) -> impl Iterator<Item = &OwnerRecord> {
+    let records = checkpoint.owners_before.iter().chain(&checkpoint.owners);
+    records.map(|record| &record.0).filter(move |record| record.slot == slot)
 }
 
 fn taken_over(bus: &Bus, note: &PostNote, started: &StartedFirst) -> Result<Post, PortError> {
