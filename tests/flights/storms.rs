@@ -13,7 +13,7 @@ use crate::common::processes::{Process, Running, kill, left_in_shared_memory, pr
 use crate::common::recording::Recording;
 use crate::common::time::{host_s, pause_ms, wait_until};
 use crate::common::{fly, morphquad};
-use plan::{Act, Kind, storm};
+use plan::{Act, Kind, LAUNCHER, storm};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::path::Path;
@@ -167,12 +167,16 @@ fn fly_orders(scenario: &[&str], acts: &[(f64, Act)]) -> Vec<String> {
             pause_ms((1e3 * (begun_s + at_s - host_s()).max(0.0)) as u64);
             let run = run.as_str();
             match act {
-                Act::Kill { name } => signal(run, name, Signal::KILL),
+                Act::Kill { name } => send(&pids_of(run, name), Signal::KILL),
                 Act::Stop { name, for_s } => {
-                    signal(run, name, Signal::STOP);
+                    let pids = match *name {
+                        LAUNCHER => vec![launchers.pid()],
+                        name => pids_of(run, name),
+                    };
+                    send(&pids, Signal::STOP);
                     scope.spawn(move || {
                         pause_ms((1e3 * for_s) as u64);
-                        signal(run, name, Signal::CONT);
+                        send(&pids, Signal::CONT);
                     });
                 }
                 Act::Adopt => launchers.replace(run),
@@ -200,10 +204,13 @@ struct Launchers {
 }
 
 impl Launchers {
+    fn pid(&self) -> u32 {
+        self.next.last().map_or(self.first_pid, Child::id)
+    }
+
     /// Kills the launcher and has another one take over.
     fn replace(&mut self, run: &str) {
-        let pid = self.next.last().map_or(self.first_pid, Child::id);
-        kill(pid, Signal::KILL);
+        kill(self.pid(), Signal::KILL);
         let adopter = morphquad(["adopt", run, "--format", "json"]).spawn();
         self.next.push(adopter.expect("the executable starts"));
     }
@@ -231,10 +238,14 @@ fn order_of(run: &str, mut words: Vec<String>) {
     assert!(output.status.code() != Some(101), "{words:?}: {said}");
 }
 
-/// To every process of this name that there is.
-fn signal(run: &str, name: &str, signal: Signal) {
+/// Every process of this name that there is.
+fn pids_of(run: &str, name: &str) -> Vec<u32> {
     let of_name = |p: &Process| p.arguments.first().is_some_and(|own| own == name);
-    for process in processes_of(run).into_iter().filter(of_name) {
-        kill(process.pid, signal);
+    processes_of(run).into_iter().filter(of_name).map(|process| process.pid).collect()
+}
+
+fn send(pids: &[u32], signal: Signal) {
+    for pid in pids {
+        kill(*pid, signal);
     }
 }

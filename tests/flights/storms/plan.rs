@@ -17,6 +17,10 @@ const STOPPED_S: f64 = 0.5;
 
 /// What flies alone in its role and is started again when it dies.
 const ALONE: [&str; 4] = ["estimator", "disturbance-injector", "monitor", "pilot"];
+/// What may be stopped: the launcher too, whose end is an [`Act::Adopt`].
+const STOPPED: [&str; 5] = [ALONE[0], ALONE[1], ALONE[2], ALONE[3], LAUNCHER];
+/// The name of the launcher in an act.
+pub(super) const LAUNCHER: &str = "launcher";
 
 /// One order or fault.
 #[derive(Debug, Clone, PartialEq)]
@@ -119,7 +123,7 @@ fn draw(random: &mut ChaCha8Rng, kind: Kind) -> Option<Act> {
         11..14 => Act::Kill { name },
         14 => Act::Kill { name: one_of(random, &ALONE) },
         15 => Act::Stop { name, for_s: STOPPED_S * share(random) },
-        16 => Act::Stop { name: one_of(random, &ALONE), for_s: STOPPED_S * share(random) },
+        16 => Act::Stop { name: one_of(random, &STOPPED), for_s: STOPPED_S * share(random) },
         17 => Act::Adopt,
         18 => Act::GoTo {
             x_m: 2.0 * share(random) - 1.0,
@@ -132,7 +136,7 @@ fn draw(random: &mut ChaCha8Rng, kind: Kind) -> Option<Act> {
         (Act::Adopt, kind) => kind == Kind::Realtime,
         (Act::StandBy { .. } | Act::Rollback { .. } | Act::Retire { .. }, Kind::Scripted) => false,
         // Of what flies alone a script's stop ends only after seconds of the wall clock.
-        (Act::Stop { name, .. }, Kind::Scripted) => !ALONE.contains(name),
+        (Act::Stop { name, .. }, Kind::Scripted) => !STOPPED.contains(name),
         _ => true,
     };
     is_there.then_some(act)
