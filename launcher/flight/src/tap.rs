@@ -93,7 +93,7 @@ impl Tap {
     /// Opens a reader of each topic that is consumed, and of each seat.
     ///
     /// # Errors
-    /// The first port that cannot be had, for a second.
+    /// The first port that cannot be had, or for which there is no room for a second.
     pub fn open(bus: &Bus, graph: &Graph, sinks: Sinks) -> Result<Self, PortError> {
         let open_seat = |seat| {
             Ok(SeatTap {
@@ -114,7 +114,7 @@ impl Tap {
         // or by the thread that frees what is left of several.
         let (ports, seats) = loop {
             match open() {
-                Err(_) if mono_now_ns() < give_up_ns => {
+                Err(PortError::Full { .. }) if mono_now_ns() < give_up_ns => {
                     bus.sweep_dead_processes(&mut || ());
                     sleep_until(mono_now_ns() + 5_000_000);
                 }
@@ -127,10 +127,8 @@ impl Tap {
 
     /// Records who owned a slot before this launcher came: that is said no more, and what flew by it is in the recording.
     pub(crate) fn record_owner(&mut self, record: &OwnerRecord) {
-        let slot = Slot::ALL.into_iter().find(|slot| slot.spec().role == record.slot);
-        let Some(topic) = slot.map(|slot| slot.spec().owner).filter(|_| record.epoch > 0) else {
-            return;
-        };
+        let Some(slot) = Slot::of(record.slot).filter(|_| record.epoch > 0) else { return };
+        let topic = slot.spec().owner;
         if let Some(stream) = self.sinks.stream(&topic.info) {
             self.sinks.take(topic, stream, record, mono_now_ns());
         }

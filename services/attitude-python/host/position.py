@@ -52,7 +52,7 @@ class Position:
         estimate, reference = loop.inputs["state_estimate"].value, loop.inputs["reference"].value
         limit_ns = 2 * loop.rate.period_ns
         if estimate is None or reference is None or t_ns > estimate.described_ns + limit_ns:
-            return ()  # The attitude loop keeps the last set point.
+            return ()  # The attitude loop holds the last set point, and lets it fade if none follows.
         q = estimate.q_wb
         heading_rad = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
         target, yaw_rad = self._target(reference, t_ns)

@@ -203,7 +203,7 @@ impl Flight {
         let are_several = !core::mem::replace(&mut checkpoint.of.is_swept, false);
         let mut started = StartedFirst::of(checkpoint, folder, &bus, policy.room);
         let services = HeldServices::take_over(&bus)?;
-        // Services that nothing but the dead hold would vanish with them.
+        // Not before the services are held: those that nothing but the dead hold would vanish with them.
         let leftovers = Leftovers::of(&bus, are_several, takes_all);
         let of = Of { adoptions: checkpoint.of.adoptions + 1, ..checkpoint.of.clone() };
         let give_up_ns = mono_now_ns() + SWEEP_LIMIT_NS;

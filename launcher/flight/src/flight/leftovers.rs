@@ -1,5 +1,5 @@
 //! What a dead launcher has left in shared memory. Freeing it takes tenths of a second, in which nothing that has died
-//! could be led on: the flight goes first, as long as there is room for both.
+//! could be led on: so the flight goes first as long as there is room for what is left, and else both go at once.
 
 use runtime::ipc::{Bus, Sweeper};
 use scenario::needs::MemoryNeed;
