@@ -49,10 +49,12 @@ class Input:
     def arrive(self, sample):
         """Takes one sample in, in the order of effect, seat and sequence. One that comes again, as
         history or from a restarted process, is ignored or replaces the one that is still pending."""
-        if self._known_until_ns is not None and sample.valid_ns <= self._known_until_ns:
-            return
         newest = self._newest.get(sample.seat)
-        if newest and (sample.valid_ns, sample.sequence) <= (newest.valid_ns, newest.sequence):
+        if newest is not None:
+            # What a seat says after that is new, however late it arrives.
+            if (sample.valid_ns, sample.sequence) <= (newest.valid_ns, newest.sequence):
+                return
+        elif self._known_until_ns is not None and sample.valid_ns <= self._known_until_ns:
             return
         pending, key = self._pending, sample[:3]
         if not pending or pending[-1][:3] < key:

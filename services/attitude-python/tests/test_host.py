@@ -268,8 +268,16 @@ class InputRules(unittest.TestCase):
         taken = self.input(sample(5, 1), sample(6, 2), sample(12, 3))
         taken.skip_until(10 * MS)
         self.assertEqual((taken.latest.sequence, taken.before.sequence), (2, 2))
-        taken.arrive(sample(9, 7))
-        self.assertEqual(self.fresh(taken, 20, 10), [(12, 0, 3)])
+        taken.arrive(sample(9, 7, seat=1))
+        self.assertEqual(self.fresh(taken, 20, 10), [(12, 0, 3)], "history of another seat is none")
+
+    def test_what_arrives_late_is_new_to_a_loop_that_joined_in_between(self):
+        taken = self.input(sample(5, 1), sample(6, 2))
+        taken.skip_until(10 * MS)
+        for again_or_late in [sample(6, 2), sample(9, 3), sample(12, 4)]:
+            taken.arrive(again_or_late)
+        self.assertEqual(self.fresh(taken, 20, 10), [(9, 0, 3), (12, 0, 4)])
+        self.assertEqual((taken.late, taken.lost), (1, 0))
 
     def test_what_is_late_or_lost_is_counted(self):
         taken = self.input(sample(5, 1), sample(8, 4))

@@ -126,7 +126,8 @@ pub struct Input<T> {
     unheard: [bool; SEATS],
     /// The same before this step.
     unheard_before: [bool; SEATS],
-    /// What was in effect at the step of a restored state is known, and comes again as history.
+    /// What was in effect at the step of a restored state, or before the first step of a loop that joined, is known and
+    /// comes again as history.
     known_until_ns: Option<u64>,
     /// Of each seat: generation of the first process that is heard.
     heard_from: [u32; SEATS],
@@ -214,8 +215,10 @@ impl<T: Sample> Input<T> {
         if header.generation < *heard_from {
             return;
         }
-        let known = self.known_until_ns.is_some_and(|t| self.in_effect(header.valid_ns, t));
-        if known || newest.is_some_and(|newest| newest.has(header)) {
+        // What a seat says after the last that is known of it is new, however late it arrives. Of a seat of which nothing
+        // is known, a state tells only the instant until which others were heard.
+        let is_history = || self.known_until_ns.is_some_and(|t| self.in_effect(header.valid_ns, t));
+        if newest.map_or_else(is_history, |newest| newest.has(header)) {
             return;
         }
         let key = order(header);
@@ -324,7 +327,7 @@ impl<T: Sample> Input<T> {
         self.heard_from.get(seat).is_some_and(|from| generation < *from)
     }
 
-    /// What was in effect at `t_ns` was taken in before a restore: history that repeats it is ignored.
+    /// What had arrived and was in effect at `t_ns` was taken in before a restore: history that repeats it is ignored.
     pub fn knows_until(&mut self, t_ns: u64) {
         self.known_until_ns = Some(t_ns);
     }

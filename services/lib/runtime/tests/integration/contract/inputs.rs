@@ -254,6 +254,36 @@ fn a_loop_that_joins_knows_what_is_in_effect_without_its_being_new() {
 }
 
 #[test]
+fn what_arrives_late_is_new_to_a_loop_that_joined_or_was_restored_in_between() {
+    let at_4 = |restored: bool| {
+        let (mut input, queue) = input(false);
+        queue.push(2, 0, 2);
+        queue.push(3, 0, 3);
+        input.receive();
+        if restored {
+            input.accept(4, None);
+            let mut latch = vec![0; Input::<Imu>::LATCH_SIZE];
+            input.pack_latch(&mut latch);
+            input.unpack_latch(&latch);
+            input.knows_until(4);
+        } else {
+            input.skip_until(4);
+        }
+        (input, queue)
+    };
+    for restored in [false, true] {
+        let (mut input, queue) = at_4(restored);
+        for valid in 2..=5 {
+            queue.push(valid, 0, valid);
+        }
+        input.receive();
+        input.accept(6, Some(4));
+        assert_eq!(fresh(&input), [(4, 0, 4), (5, 0, 5)], "restored: {restored}");
+        assert_eq!(input.counts(), InputCounts { late: 1, lost: 0 });
+    }
+}
+
+#[test]
 fn what_was_said_by_a_process_that_had_gone_is_left_out() {
     let (mut input, queue) = input(false);
     let mut heard_from = [0; Seat::COUNT];
