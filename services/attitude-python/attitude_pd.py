@@ -32,7 +32,7 @@ class AttitudePd:
             rate_error = self.gains["angle_per_s"][axis] * sample.error_rad[axis] - rate_rad_s[axis]
             law = sample.inertia_kg_m2[axis] * self.gains["rate_per_s"][axis] * rate_error
             if sample.tracked_nm is not None:
-                # The next torque continues from what the rotors were told.
+                # The next torque continues from what the rotors were commanded.
                 self.integral_nm[axis] = sample.tracked_nm[axis] - law
             wish, bound = law + self.integral_nm[axis], sample.bound_nm[axis]
             given = min(max(wish, -bound), bound)

@@ -5,7 +5,7 @@
 //! * One file per group of arrows holds the sample types: [`sensors`], [`estimate`], [`guidance`],
 //!   [`control`], [`actuation`], [`disturbance`], [`order`], [`trip`],
 //!   [`supervision`], [`loops`].
-//! * [`slots`] has the roles whose process can be exchanged in flight, and what tells them apart.
+//! * [`slots`] has the roles whose process can be exchanged in flight, and what distinguishes them.
 //! * [`time`] converts between seconds and nanoseconds.
 //! * [`wire`] describes a sample's layout to readers (field names, kinds, offsets) and hashes it, so
 //!   that two builds which disagree about a type refuse each other.

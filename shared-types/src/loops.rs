@@ -75,19 +75,19 @@ code! {
         /// all. What came after it would have been late.
         Ended = 6,
         /// Sample `first` was the first of this writer that the loop had; the writer may have published others
-        /// before. A process that went on from a state or joined in flight tells it of every writer whom it hears at
-        /// all, with 0 of those of whom it had something before its first step; any process tells it where another one
-        /// follows on the writer's seat.
+        /// before. A process that went on from a state or joined in flight reports it of every
+        /// writer whose samples it takes at all, with 0 if it had one before its first step; any
+        /// process reports it where another one follows on the writer's seat.
         Began = 7,
     }
 }
 
 sample! {
-    /// Where a step's inputs were not what edges and time prescribe. With it a recording tells what
+    /// Where a step's inputs were not what edges and time prescribe. With it a recording shows what
     /// each step has seen: nominally all samples in effect, which need not be written down.
     pub struct Deviation {
         /// Identity and time; `release_ns` is the step's. Each life of a process counts for itself:
-        /// the seat tells role, seat and generation.
+        /// the seat encodes role, seat and generation.
         pub header: Header,
         /// First sequence, release or number, see the kind.
         pub first: u64,
@@ -133,7 +133,7 @@ impl Deviation {
 }
 
 code! {
-    /// What a [`Seating`] tells.
+    /// What a [`Seating`] reports.
     pub enum SeatingKind {
         /// A process begins in flight.
         Joined = 0,
@@ -144,7 +144,7 @@ code! {
 
 sample! {
     /// A process that takes a slot's seat in flight, and how it begins; or its end, unless it leaves in
-    /// order and says so itself. A process that begins with the flight is in the scenario.
+    /// order and reports it itself. A process that begins with the flight is in the scenario.
     pub struct Seating {
         /// Identity and time of the joining, or of the loss. Each life counts for itself, as in
         /// [`Deviation`].
@@ -157,7 +157,7 @@ sample! {
         pub state_release: u64,
         /// Name of the controller, padded with zeros.
         pub controller: [u8; 64],
-        /// What is told.
+        /// What is reported.
         pub kind: SeatingKind,
         /// The slot.
         pub role: Role,

@@ -1,6 +1,6 @@
 //! launcher -> pilot and injector: what was ordered in flight.
 //!
-//! Each sample is complete: it says everything that has been ordered so far and still holds, so that
+//! Each sample is complete: it contains everything that has been ordered so far and still holds, so that
 //! the latest one is enough for a reader that joins late.
 
 use crate::{Flag, Header, sample};
@@ -90,7 +90,7 @@ crate::code! {
 sample! {
     /// One disturbance; what its kind does not need is zero.
     pub struct OrderedDisturbance {
-        /// Counts up from 1 over the flight; also tells the noise of one from that of another.
+        /// Counts up from 1 over the flight; also distinguishes the noise of one from that of another.
         pub number: u64,
         /// First instant \[ns\].
         pub begin_ns: u64,

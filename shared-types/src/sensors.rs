@@ -1,4 +1,4 @@
-//! plant -> estimator: what the vehicle's sensors say.
+//! plant -> estimator: the readings of the vehicle's sensors.
 
 use crate::{Flag, Header, Quaternion, sample};
 use iceoryx2::prelude::ZeroCopySend;

@@ -16,14 +16,14 @@ pub enum Slot {
     Position,
 }
 
-/// What tells one slot from another for those that carry, record and supervise.
+/// The differences between slots for the code that carries, records and supervises.
 #[derive(Debug)]
 pub struct SlotSpec {
     /// Role of the controllers that fill it.
     pub role: Role,
     /// What its owner commands.
     pub command: &'static TopicInfo,
-    /// Who owns it from when.
+    /// Which seat owns it from when.
     pub owner: &'static Topic<OwnerRecord>,
     /// Role that commands instead in a flight that has no controller for the slot.
     pub stand_in: Option<Role>,
@@ -48,7 +48,7 @@ impl Slot {
     /// Every slot.
     pub const ALL: [Self; 2] = [Self::Attitude, Self::Position];
 
-    /// What tells it from the others.
+    /// What distinguishes it from the others.
     #[must_use]
     pub const fn spec(self) -> &'static SlotSpec {
         match self {

@@ -1,4 +1,4 @@
-//! Which processes there are, who may command, and how time runs.
+//! Which processes there are, which seats may command, and how time runs.
 
 use crate::{Flag, Header, code, sample};
 use iceoryx2::prelude::ZeroCopySend;
@@ -128,13 +128,13 @@ impl Seat {
     }
 }
 
-/// A process as the transport knows it, whatever it says of itself.
+/// A process as the transport knows it, whatever it claims to be.
 pub type NodeId = [u64; 2];
 
 sample! {
-    /// Who sits where: one line of the [`Registry`].
+    /// Which process sits where: one line of the [`Registry`].
     pub struct RegistryEntry {
-        /// The process, as told by the transport.
+        /// The process, as reported by the transport.
         pub node: [u64; 2],
         /// Its control period \[ns\].
         pub period_ns: u64,
@@ -153,7 +153,7 @@ sample! {
 pub const REGISTRY_LINES: usize = 64;
 
 sample! {
-    /// Every process that may publish. Written by the supervisor alone, who has seen each say hello.
+    /// Every process that may publish. Written by the supervisor alone, which has received the [`Hello`] of each.
     pub struct Registry {
         /// The lines in use come first.
         pub entries: [RegistryEntry; 64],
@@ -163,7 +163,7 @@ sample! {
 }
 
 sample! {
-    /// Who owns a slot from an instant on. Epochs only grow; only the supervisor writes.
+    /// Which seats command a slot from an instant on. Epochs only grow; only the supervisor writes.
     ///
     /// A command counts if its writer sits on the owner's seat by the record in effect at the
     /// command's own effective instant.
@@ -201,7 +201,7 @@ code! {
 }
 
 sample! {
-    /// The conductor's word on time. Published seldom; the last one counts.
+    /// The conductor's settings of the clock. Published seldom; the last one counts.
     pub struct ClockRecord {
         /// Lockstep: steps at or after this instant may not run yet \[ns\].
         pub allowed_ns: u64,
@@ -235,7 +235,8 @@ sample! {
         /// Steps run.
         pub steps: u64,
         /// `CLOCK_MONOTONIC` before every reader that had its ports open was given what had been published \[ns\]. A
-        /// reader that has opened its own later may not have what this mark promises. 0 if the writer does not tell.
+        /// reader that has opened its own later may not have what this mark promises. 0 if the
+        /// writer does not report it.
         pub served_mono_ns: u64,
         /// Restarts of the process.
         pub generation: u32,
@@ -263,7 +264,7 @@ sample! {
 }
 
 sample! {
-    /// What a process is told that takes a seat in flight, ahead of the state it continues from.
+    /// The orders for a process that takes a seat in flight, sent ahead of the state it continues from.
     pub struct Handover {
         /// First instant at which it may step \[ns\]; 0 if it goes on right after the state.
         pub join_ns: u64,
@@ -273,8 +274,8 @@ sample! {
         pub has_state: Flag,
         /// Realtime: the releases since that state are run at once, on the history of their inputs.
         pub catches_up: Flag,
-        /// By [`Seat::number`], generation of the first process that is heard. Whether the words of one that has gone
-        /// before would still arrive is for chance to say.
+        /// By [`Seat::number`], generation of the first process whose samples are taken. Whether
+        /// samples of one that has gone before would still arrive depends on chance.
         pub heard_from: [u32; Seat::COUNT],
     }
 }

@@ -20,7 +20,7 @@ crate::code! {
         /// The thrust is not the one that is asked for: `speed_m_s` of vertical speed have come of it.
         ThrustAstray = 5,
         /// The vehicle leaves its reference: `distance_m` away from it once it can be stopped, or, if
-        /// `lasted_s` says for how long, away from it all that time.
+        /// `lasted_s` is not 0, away from it for all that time.
         PositionDeparts = 6,
         /// The vehicle sinks: `distance_m` of height are needed to stop it, and the limit is there.
         Sinks = 7,
@@ -48,7 +48,7 @@ crate::code! {
 }
 
 sample! {
-    /// The monitor's word that the owner of a slot is not to be followed any more. Said once per epoch.
+    /// The monitor's verdict that the owner of a slot is not to be followed any more. Published once per epoch.
     ///
     /// From its effective instant on the owner is not followed any more, but the fallback of this epoch's record, if it
     /// has one: in the position slot once two of the fallback's periods are over, for which attitude controllers are

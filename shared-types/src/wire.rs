@@ -26,7 +26,7 @@ pub enum Kind {
     Message(&'static Schema),
 }
 
-/// What a field tells of a flight. The hashes of a flight, and whatever compares two flights, go by it.
+/// What a field shows about a flight. The hashes of a flight, and whatever compares two flights, go by it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FieldClass {
     /// What happened.
@@ -73,7 +73,7 @@ impl FieldClass {
 pub struct Field {
     /// Field name, unit included.
     pub name: &'static str,
-    /// What it tells.
+    /// What it shows about a flight.
     pub class: FieldClass,
     /// Kind of the value, or of each element.
     pub kind: Kind,

@@ -16,7 +16,7 @@ const NODES: usize = 24;
 
 type Gain = SVector<f64, STATES>;
 
-/// Everything the law is told before it flies.
+/// The complete configuration of the law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LqrConfig {
     /// Times on the way of a command; the period is the control period.

@@ -23,7 +23,7 @@ shared_types::memory! {
         pub setpoint: [f64; 4],
         /// Sequence of the set point sample in use.
         pub setpoint_sequence: u64,
-        /// Whose set point counts.
+        /// The seat whose set point counts.
         pub slot: SetpointMemory,
     }
 }

@@ -52,7 +52,7 @@ pub enum TorqueBound {
     RotorThrusts,
 }
 
-/// Everything the attitude law is told before it flies. [`Default`] is for flight.
+/// The complete configuration of the attitude law. [`Default`] is for flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeLawConfig {
     /// Control rate \[Hz\], up to 1000.
@@ -102,7 +102,7 @@ pub struct AttitudeLawConfig {
     /// Time from a step to its command taking effect \[s\] in the prediction model, at most one
     /// period.
     pub command_delay_s: f64,
-    /// The same as it is outside the model \[s\]: it tells of which command a report is.
+    /// The same as it is outside the model \[s\]: it shows which command a report belongs to.
     pub command_latency_s: f64,
     /// Time between the plant's reports of the applied torque \[s\].
     pub report_period_s: f64,

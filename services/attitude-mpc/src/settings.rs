@@ -198,7 +198,7 @@ impl ControllerSection for Settings {
             })
     }
 
-    /// A scenario asks for [`law_config`](Settings::law_config) and says which key is to blame.
+    /// A scenario asks for [`law_config`](Settings::law_config) and reports which key is to blame.
     fn check(&self, _flight: &FlightFacts) -> Result<(), SectionRefusal> {
         Ok(())
     }

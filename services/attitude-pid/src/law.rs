@@ -21,7 +21,7 @@ shared_types::memory! {
     }
 }
 
-/// Everything the law is told before it flies, for roll, pitch and yaw.
+/// The complete configuration of the law, for roll, pitch and yaw.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PidConfig {
     /// Times on the way of a command; the period is the control period.

@@ -1,4 +1,4 @@
-"""Whose set point counts from instant to instant, at an attitude loop.
+"""Which set point counts from instant to instant, at an attitude loop.
 
 A set point is judged once, by the owner record in effect at its own effective instant. An instant once
 decided stays decided: a record for it is refused, and its writer tries again further ahead. Once only
@@ -38,7 +38,7 @@ class Command(typing.NamedTuple):
 
 
 class Record(typing.NamedTuple):
-    """Who may command from an instant on."""
+    """Which seats may command from an instant on."""
 
     epoch: int
     owner: int
@@ -142,7 +142,7 @@ class CommandArbiter:
             self._held = {s: c for s, c in self._held.items() if self.record.is_taken(s)}
 
     def trip(self, epoch, instance, at_ns):
-        """Takes the monitor's word that the owner of an epoch is not to be followed any more: the fallback counts as
+        """Takes the monitor's trip of the owner of an epoch, which is not followed any more: the fallback counts as
         soon as it has a valid set point after `levels_until_ns`, and no set point until then. A record that has left
         owner and fallback in place since does not outdate it; and the epoch may be one that was refused here or is
         yet to come, while the owner is the same."""
@@ -179,7 +179,7 @@ class CommandArbiter:
             self._held[command.seat] = command
 
     def carry(self, command):
-        """Takes a set point as the one in effect when this loop joined, until the owner speaks."""
+        """Takes a set point as the one in effect when this loop joined, until the owner publishes."""
         self._carried = command
 
     def decide(self, t_ns):
@@ -190,7 +190,7 @@ class CommandArbiter:
         self.open_ns = max(self.open_ns, t_ns + 1)
         owners, fallbacks = self._valid(record.owner, t_ns), self._valid(record.fallback, t_ns)
         if self._carried and self._carried.is_valid(t_ns):
-            # What the new owner said while it was not asked, as the fallback, counts only once nothing else does.
+            # What the new owner published while it was the fallback counts only once nothing else does.
             is_from_before = owners is not None and owners.valid_ns < record.effective_ns
             if owners is None or (is_from_before and self._carried.seat != record.owner):
                 owners = self._carried
@@ -213,7 +213,7 @@ class CommandArbiter:
         return self._tripped_ns + self.two_periods_ns(self.record.fallback)
 
     def reject(self, t_ns):
-        """Decides that nothing counts at an instant, whatever owner and fallback say."""
+        """Decides that nothing counts at an instant, whatever owner and fallback publish."""
         self.open_ns = max(self.open_ns, t_ns + 1)
         self._last = None
 
@@ -234,7 +234,7 @@ class CommandArbiter:
         return given if is_over else None
 
     def replace_lapsed(self, value):
-        """Says what is followed in place of one that has lapsed: a change of kind continues from it."""
+        """Sets what is followed in place of one that has lapsed: a change of kind continues from it."""
         self._given = self._given._replace(value=value)
 
     def _valid(self, seat, t_ns):
@@ -356,7 +356,7 @@ class SetPoints:
         return Command(value, sample.sequence, sample.seat, sample.valid_ns, until_ns)
 
     def tell(self, applied, no_seat):
-        """Fills in who commands, in a sample of `applied_setpoint`."""
+        """Fills the commanding seat into a sample of `applied_setpoint`."""
         arbiter = self._arbiter
         applied.epoch = arbiter.record.epoch if arbiter.record else 0
         applied.refused_epoch = arbiter.refused_epoch

@@ -89,8 +89,8 @@ class Attitude:
             self._angles_rad = (asked.roll_rad, asked.pitch_rad, asked.yaw_rad)
 
     def _tracked(self, loop):
-        """What the rotors were told, for a law that is to continue from it. What the actuation guard tells them, to
-        bring the vehicle back, is not what any law would: an integral that continued from that would stand in the way
+        """The torque last commanded, for a law that is to continue from it. What the actuation guard commands, to bring
+        the vehicle back, is not what any law would: an integral that continued from that would stand in the way
         of the law's own torque for as long as its integral time."""
         applied = loop.inputs["applied_command"].value
         if not loop.is_tracking or applied is None or applied.command_sequence == 0:

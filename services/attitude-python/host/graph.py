@@ -1,4 +1,4 @@
-"""Release grids, and who waits for whom: the arrows of `flight.toml` as one process sees them."""
+"""Release grids, and which loop waits for which: the arrows of `flight.toml` as one process sees them."""
 
 import typing
 

@@ -31,7 +31,7 @@ class Input:
         # By seat, the newest sample in effect.
         self._newest = {}
         self._known_until_ns = None
-        # Owner records of the producer's slot: what an owner does not say, no loop waits for.
+        # Owner records of the producer's slot: what an owner does not publish, no loop waits for.
         self.book = None
         self.late = self.lost = 0
         self._unheard = set()
@@ -51,7 +51,7 @@ class Input:
         history or from a restarted process, is ignored or replaces the one that is still pending."""
         newest = self._newest.get(sample.seat)
         if newest is not None:
-            # What a seat says after that is new, however late it arrives.
+            # What a seat publishes after that is new, however late it arrives.
             if (sample.valid_ns, sample.sequence) <= (newest.valid_ns, newest.sequence):
                 return
         elif self._known_until_ns is not None and sample.valid_ns <= self._known_until_ns:
@@ -79,7 +79,7 @@ class Input:
                 self._take(sample, previous_ns)
         if count:
             del self._pending[:count]
-        # What a seat says while it does not count is not missing afterwards.
+        # What a seat publishes while it does not count is not missing afterwards.
         if self.book is not None:
             self._unheard |= {seat for seat in self._newest if not self.book.counts(seat, t_ns)}
 
@@ -87,9 +87,9 @@ class Input:
         if previous_ns is not None and sample.valid_ns <= previous_ns:
             self.late += 1
         before = self._newest.get(sample.seat)
-        is_unheard = sample.seat in self._unheard
+        was_ignored = sample.seat in self._unheard
         self._unheard.discard(sample.seat)
-        if before and before.generation == sample.generation and not is_unheard:
+        if before and before.generation == sample.generation and not was_ignored:
             self.lost += max(0, sample.sequence - before.sequence - 1)
         self._newest[sample.seat] = self.latest = sample
         self._value = None

@@ -25,7 +25,7 @@ def process_start(pid):
 
 
 def leader_of(run):
-    """Process and start of the launcher that last said that it leads the run of this folder; None if none has."""
+    """Process and start of the launcher that last claimed to lead the run of this folder; None if none has."""
     try:
         pid, started = (run / "launcher.lock").read_text().split()
         return int(pid), int(started)
@@ -38,7 +38,7 @@ class Launcher:
     hangs in a library that keeps Python's lock."""
 
     def __init__(self, run, pid, leave_s):
-        """`leave_s` says, when it has died, how long after that there is none to come any more [s]."""
+        """`leave_s` returns, when it has died, how long after that there is none to come any more [s]."""
         self._run, self._leave_s = run, leave_s
         # It has died, and no other has taken over yet; none will.
         self.is_gone = self.is_given_up = False
@@ -67,7 +67,7 @@ class Launcher:
                     pidfd = os.pidfd_open(leader[0])
                 except OSError:
                     pidfd = None
-                # Read after the process has been caught: a number that was used again is told from it.
+                # Read after the process has been caught: a process id that was reused is recognised by it.
                 if pidfd is not None and process_start(leader[0]) == leader[1]:
                     return pidfd, leader
                 if pidfd is not None:

@@ -4,7 +4,7 @@ from .inputs import Input
 from .ports import now_ns
 
 STATS_PERIOD_NS = 100_000_000
-# Slots, by the topic that tells who owns them.
+# Slots, by the topic of their owner records.
 OWNED = {"attitude_owner": "attitude", "position_owner": "position"}
 
 

@@ -1,4 +1,4 @@
-"""Whose samples count: a slot's owner from instant to instant, and how far each process has got.
+"""Which samples count: a slot's owner from instant to instant, and how far each process has got.
 
 A slot's consumers wait for owner and fallback of each instant and never for a shadow. What takes effect
 before a change comes from the old owner, what takes effect from then on from the new one.
@@ -10,7 +10,7 @@ FOREVER = 2**64 - 1
 
 
 class Tenure(typing.NamedTuple):
-    """Who commands a slot from an instant on."""
+    """Which seats command a slot from an instant on."""
 
     from_ns: int
     epoch: int
@@ -29,7 +29,7 @@ class SlotBook:
         self.tenures = []
 
     def learn(self, record):
-        """Takes in an owner record; one of a known epoch says nothing new."""
+        """Takes in an owner record; one of a known epoch has no effect."""
         if self.tenures and record.epoch <= self.tenures[-1].epoch:
             return
         periods_ns = tuple(record.period_ns)
@@ -76,11 +76,11 @@ class SlotBook:
 
 
 class SeatMarks:
-    """How far the process on every seat has got, and who owns which slot."""
+    """How far the process on every seat has got, and which seat owns which slot."""
 
     def __init__(self, seats):
         self._seats = seats
-        # By role and seat: mark [ns], and generation of the process that told it.
+        # By role and seat: mark [ns], and generation of the process that reported it.
         self._known = {}
         self._books = {}
 
@@ -94,7 +94,7 @@ class SeatMarks:
         return seat == 0 if book is None else book.concerns(seat)
 
     def advance(self, role, seat, generation, mark_ns):
-        """Takes in how far a process has got; a predecessor's last words may come late."""
+        """Takes in how far a process has got; a predecessor's last reports may come late."""
         mark_known_ns, known = self._known.get((role, seat), (0, -1))
         if known == generation:
             mark_ns = max(mark_ns, mark_known_ns)

@@ -1,4 +1,4 @@
-"""The run's services: opened, never created, and heard only from those in the registry, or from the launcher."""
+"""The run's services: opened, never created, and read only from processes in the registry, or from the launcher."""
 
 import ctypes
 import importlib.util
@@ -70,7 +70,7 @@ class Reader:
         self._passes = passes
 
     def receive(self):
-        """All that has come since the last time and may be heard: instant of arrival, and its bytes."""
+        """All that has come since the last time and may be taken: instant of arrival, and its bytes."""
         arrived = []
         receive, passes, size = self._subscriber.receive, self._passes, self._size
         while (sample := receive()) is not None:
@@ -116,7 +116,7 @@ class Bus:
             .create(iox2.ServiceType.Ipc)
         )
         self._leader_file = folder / "launcher.node"
-        # Connections that have been heard where the launcher alone writes: whether they led then.
+        # Connections that have written where the launcher alone may: whether they led then.
         self._leads = {self._named_leader(): True}
         self._registry_reader = self.announced("registry", samples.Registry, 2)
         self._labels = {role.value: role.name.lower() for role in samples.Role}
@@ -127,7 +127,7 @@ class Bus:
         self.learn_registry()
 
     def learn_registry(self):
-        """Learns who sits where."""
+        """Learns which process sits where."""
         registries = self._registry_reader.values()
         if registries:
             registry = registries[-1]
@@ -159,7 +159,7 @@ class Bus:
         """Whether a connection is the launcher's, or was that of one that has died: a file that others cannot write
         names it."""
         if node not in self._leads:
-            # A launcher claims the lead before it says anything, so that the answer stays.
+            # A launcher claims the lead before it writes anything, so that the answer stays.
             self._leads[node] = node == self._named_leader()
         return self._leads[node]
 
@@ -194,7 +194,7 @@ class Bus:
         return self._read(name, sample_type, depth, lambda node, _packed: self.is_leader(node))
 
     def topic(self, name, producer):
-        """A topic, from processes of a role alone: each sample must come from where it says it does."""
+        """A topic, from processes of a role alone: each sample must come from the seat that it claims."""
 
         def passes(node, packed):
             line = self._line(node)

@@ -77,7 +77,7 @@ class Position:
         point = reference.points[min(index, count - 1)]
         (x, y, z), velocity = point.position_w_m, tuple(point.velocity_w_m_s)
         if index >= count:
-            # The reference does not say any more where to go: hover, and land after a while.
+            # The reference does not give a target any more: hover, and land after a while.
             landing_s = max(0.0, age_ns * 1e-9 - self._hover_s)
             height_m = max(0.0, z - LANDING_M_S * landing_s)
             return ((x, y, height_m), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), point.yaw_rad
@@ -97,7 +97,7 @@ class Position:
         return (position, velocity, ahead), point.yaw_rad
 
     def _take_followed(self, loop):
-        """Notes what the attitude loop in command follows; shadows say what they would, too."""
+        """Notes what the attitude loop in command follows; shadows report what they would, too."""
         owners, applied = loop.inputs["attitude_owner"], loop.inputs["applied_setpoint"]
         plant = loop.inputs["applied_command"].value
         known = [owners.value_of(one) for one in (owners.before, *owners.fresh) if one is not None]
@@ -108,9 +108,9 @@ class Position:
                     has_failed = plant is not None and plant.failed_over
                     if standing == "owner" and has_failed and plant.epoch == judges[-1].epoch:
                         break
-                    said = applied.value_of(sample)
-                    if said.setpoint_sequence > 0:
-                        self._followed = (said.roll_rad, said.pitch_rad, said.thrust_n)
+                    report = applied.value_of(sample)
+                    if report.setpoint_sequence > 0:
+                        self._followed = (report.roll_rad, report.pitch_rad, report.thrust_n)
                     return
 
     def _tracked(self, loop, heading_rad):

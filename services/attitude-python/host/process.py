@@ -1,4 +1,4 @@
-"""A process of a run: takes a seat, learns who is there and how far they are, tells how far it is."""
+"""A process of a run: takes a seat, learns which others there are and how far they are, reports how far it is."""
 
 import argparse
 import contextlib
@@ -34,7 +34,7 @@ PASS, UNFIT, CRASHED, INTERRUPTED = 0, 3, 4, 130
 
 
 def arguments(description, slot):
-    """What the launcher tells a controller."""
+    """What the launcher passes to a controller."""
     if len(sys.argv) == 1:
         file = os.path.abspath(sys.argv[0])
         swap = shlex.quote(f"{slot}={file}@2s")
@@ -171,7 +171,7 @@ class Process:
             try:
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(claim["priority"]))
             except PermissionError:
-                pass  # The launcher says so.
+                pass  # The launcher reports it.
 
     def _open_pipe(self, label):
         # Both directions at each end: neither has to wait for, or survive, the other end.
@@ -198,7 +198,7 @@ class Process:
     # Taking the seat.
 
     def take_seat(self, topics):
-        """Says hello with all ports open and, if told to, waits for the instant at which to begin."""
+        """Sends its hello with all ports open and, if ordered to, waits for the instant at which to begin."""
         options = self.options
         self.loop = Loop(self._bus, self.graph, self.marks, self.slot, options, topics)
         self._opened_mono_ns = now_ns()
@@ -216,7 +216,7 @@ class Process:
             )
         )
         order = self._await_handover() if options.await_handover else None
-        # A process that is not in the registry yet is not heard.
+        # Samples of a process that is not in the registry yet are not accepted.
         while not (self.read_clock().started and self._is_seated()):
             if self.ending() is not None:
                 return
@@ -253,7 +253,7 @@ class Process:
     # Time.
 
     def read_clock(self):
-        """The conductor's last word."""
+        """The conductor's last record."""
         for self.clock in self._clock_reader.values():
             pass
         return self.clock
@@ -279,10 +279,10 @@ class Process:
             except BlockingIOError:
                 pass
 
-    # Who is there, and how far they are.
+    # Which processes there are, and how far they are.
 
     def look_around(self):
-        """Learns who has come and gone, and who owns which slot from when."""
+        """Learns which processes have come and gone, and which seat owns which slot from when."""
         self._bus.learn_registry()
         if self._bus.registry_changes != self._registry_changes:
             self._registry_changes = self._bus.registry_changes
@@ -305,7 +305,7 @@ class Process:
         came = any(one is not None and one != self._present[at] for at, one in present.items())
         self._present = present
         if came:
-            # Its ports are open and empty, and what was said before it does not believe.
+            # Its ports are open and empty, and it does not trust earlier reports.
             self.serve_again()
             self._wake(lambda _role, _period_ns: True)
 
@@ -315,14 +315,14 @@ class Process:
         for role, seat, read in self._mark_readers:
             if self.marks.concerns(role, seat):
                 for mark_ns, served_mono_ns, generation in read():
-                    # What was said before all ports were open here may promise samples that have not come.
+                    # A report from before all ports were open here may promise samples that have not come.
                     if served_mono_ns == 0 or served_mono_ns >= self._opened_mono_ns:
                         self.marks.advance(role, seat, generation, mark_ns)
                         moved.add(role)
         return moved
 
     def announce(self, before_ns, mark_ns):
-        """Says that everything before the mark has been published, and wakes those who may go on."""
+        """Reports that everything before the mark has been published, and wakes those that may go on."""
         self._tell_mark(mark_ns)
         # No process waits for a shadow.
         if not self.marks.concerns(self.slot, self.options.seat):
@@ -352,8 +352,8 @@ class Process:
         self._progress.send(self._mark)
 
     def serve_again(self):
-        """Lets readers that have just joined have what was published before, and repeats the mark: what was
-        said before their ports were open they do not believe."""
+        """Gives readers that have just joined what was published before, and repeats the mark: they do not trust
+        one from before their ports were open."""
         if self._has_told:
             self._tell_mark(self._mark.mark_ns)
         elif self.loop is not None:
@@ -381,7 +381,7 @@ class Process:
         return (fly_realtime if self.is_realtime else fly_lockstep)(self, law)
 
     def leave(self, is_retired):
-        """Says that nothing will follow. A flight that is over has readers that are not done yet; a
+        """Reports that nothing will follow. A flight that is over has readers that are not done yet; a
         seat that is given up has none."""
         self.loop.finish()
         self.announce(self.loop.mark_ns, FOREVER)

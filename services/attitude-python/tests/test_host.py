@@ -221,7 +221,7 @@ class OwnershipRules(unittest.TestCase):
         self.assertTrue(book.counts(3, 0), "without a record every seat does")
         book.learn(owner(1, 0, 0))
         book.learn(owner(2, 100, 1, fallback=0))
-        book.learn(owner(2, 500, 3))  # An old epoch says nothing.
+        book.learn(owner(2, 500, 3))  # An old epoch has no effect.
         expected = [(0, 99, True), (1, 99, False), (1, 100, True), (0, 100, True), (2, 100, False)]
         for seat, at_ms, counts in expected:
             self.assertEqual(book.counts(seat, at_ms * MS), counts, (seat, at_ms))
@@ -319,7 +319,7 @@ class ArbiterRules(unittest.TestCase):
         return made
 
     def at(self, arbiter, t_ms, *seats, thrust=0.0):
-        """One instant: set points of these seats, then whose is followed, and since when."""
+        """One instant: set points of these seats, then the seat that is followed, and since when."""
         t_ns = t_ms * MS
         arbiter.advance(t_ns)
         for seat in seats:

@@ -106,7 +106,7 @@ class AttitudeLaw(unittest.TestCase):
 
 
 class PositionLaw(unittest.TestCase):
-    # What the plant says of whom it follows.
+    # What the plant reports about the seat that it follows.
     plant = None
 
     def position(self):

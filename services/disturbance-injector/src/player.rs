@@ -106,7 +106,7 @@ impl Player {
         }
     }
 
-    /// An event from one instant to another, whatever it says itself.
+    /// An event from one instant to another, whatever its own times are.
     pub(crate) fn between(
         event: Event,
         (from_ns, until_ns): (u64, u64),

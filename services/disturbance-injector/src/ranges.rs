@@ -1,4 +1,4 @@
-//! Checks that a derive macro has no word for.
+//! Checks that a derive macro cannot express.
 
 /// Accepts finite numbers; a range alone would let NaN pass.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "the signature that the validator calls")]

@@ -12,7 +12,7 @@ pub(crate) struct Watched {
     pub(crate) fallback: u32,
 }
 
-/// Who commands a slot.
+/// What commands a slot.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Hands {
     /// An owner that has not proven itself.

@@ -5,7 +5,7 @@ use crate::finding::Finding;
 use crate::judge::{Applied, Judge, JudgeMemory, Moment, Setpoint};
 use crate::last_trip::{LastTrip, is_recovering};
 use crate::limits::Limits;
-use crate::reports::{Asked, Record, Reports, ReportsMemory, Said};
+use crate::reports::{Asked, Record, Report, Reports, ReportsMemory};
 use crate::torque::{Torque, TorqueMemory};
 use controller::preview::{Landing, target};
 use nalgebra::Vector3;
@@ -63,8 +63,8 @@ pub struct MonitorConfig {
     pub latency_s: f64,
     /// Landing that position controllers fly when the reference has ended; it replaces the reference then.
     pub landing: Landing,
-    /// Whether the laws of the attitude slot ask for no more torque than hover thrust leaves. Full torque of one that may
-    /// ask for more tells nothing.
+    /// Whether the laws of the attitude slot ask for no more torque than hover thrust leaves. Full
+    /// torque of a law that may ask for more proves nothing.
     pub keeps_to_rotors: bool,
 }
 
@@ -145,14 +145,14 @@ impl Monitor {
     /// Takes what the controller that the plant follows reports of its set point.
     fn take_tracked(&mut self, inputs: &Inputs) {
         let followed = inputs.applied_command.latest();
-        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, followed);
-        let Some(said) = said else { return };
-        self.memory.failed_over = if said.failed_over.is_set() { said.epoch } else { 0 };
-        let setpoint = [said.roll_rad, said.pitch_rad, said.yaw_rad, said.thrust_n];
-        if said.setpoint_sequence > 0 && setpoint.iter().all(|number| number.is_finite()) {
+        let applied = inputs.applied_setpoint.in_command(&inputs.attitude_owner, followed);
+        let Some(applied) = applied else { return };
+        self.memory.failed_over = if applied.failed_over.is_set() { applied.epoch } else { 0 };
+        let setpoint = [applied.roll_rad, applied.pitch_rad, applied.yaw_rad, applied.thrust_n];
+        if applied.setpoint_sequence > 0 && setpoint.iter().all(|number| number.is_finite()) {
             self.memory.setpoint = setpoint;
             self.memory.has_setpoint = true;
-        } else if said.setpoint_sequence == 0 {
+        } else if applied.setpoint_sequence == 0 {
             // Level, or on the way to rest: there is no set point to compare with.
             self.memory.has_setpoint = false;
         }
@@ -199,10 +199,10 @@ impl Monitor {
         }
     }
 
-    /// Who commands the attitude and the position slot at `now_ns`. Other hands reset the criteria, since they are not
-    /// to blame for what came before.
+    /// Which seats command the attitude and the position slot at `now_ns`. Other hands reset the
+    /// criteria, since they are not to blame for what came before.
     fn hands(&mut self, now_ns: u64, inputs: &Inputs) -> [Hands; 2] {
-        // What is told of an epoch that is over does not hold for the next one.
+        // A report about an epoch that is over does not hold for the next one.
         let command = inputs.applied_command.latest();
         let command = command.filter(|applied| applied.failed_over.is_set());
         let failed_over = [command.map_or(0, |applied| applied.epoch), self.memory.failed_over];
@@ -215,7 +215,7 @@ impl Monitor {
             let is_there = period_ns(record, record.fallback) > 0;
             let fallback = if is_there { record.fallback } else { NO_SEAT };
             let has_tripped = self.memory.trips[slot].holds(record, fallback, now_ns);
-            // Once in an epoch is for all of it: what an attitude controller says of it is not taken back.
+            // Once in an epoch is for all of it: a later report of an attitude controller does not revoke it.
             let is_replaced = failed_over[slot] == record.epoch
                 || has_tripped
                 || self.memory.replaced[slot] == record.epoch;
@@ -250,14 +250,14 @@ impl Monitor {
         let attitude = inputs.attitude_owner.in_effect_at(now_ns)?;
         let position = inputs.position_owner.in_effect_at(now_ns)?;
         let mut cause = None;
-        for said in inputs.applied_setpoint.fresh() {
-            if inputs.attitude_owner.authority_of(&said.header) == Authority::Owner {
-                let found = self.reports.hear(&Said {
-                    release_ns: said.header.release_ns,
-                    seat: said.seat,
-                    sequence: said.setpoint_sequence,
-                    value: [said.roll_rad, said.pitch_rad, said.yaw_rad, said.thrust_n],
-                    period_ns: period_ns(attitude, said.header.seat),
+        for applied in inputs.applied_setpoint.fresh() {
+            if inputs.attitude_owner.authority_of(&applied.header) == Authority::Owner {
+                let found = self.reports.check(&Report {
+                    release_ns: applied.header.release_ns,
+                    seat: applied.seat,
+                    sequence: applied.setpoint_sequence,
+                    value: [applied.roll_rad, applied.pitch_rad, applied.yaw_rad, applied.thrust_n],
+                    period_ns: period_ns(attitude, applied.header.seat),
                     asked_every_ns: [position.owner, position.fallback]
                         .map(|seat| period_ns(position, seat)),
                 });

@@ -1,4 +1,4 @@
-//! The last trip of a slot's owner: whether it still counts, and whether it has to be said again.
+//! The last trip of a slot's owner: whether it still counts, and whether it has to be published again.
 
 use shared_types::{NO_SEAT, OwnerRecord, Trip};
 

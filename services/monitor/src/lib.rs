@@ -9,7 +9,7 @@
 //! have to be running for that.
 //!
 //! * [`judge`] holds the criteria, as a pure function of time and numbers. Start there.
-//! * [`reports`] compares what the attitude slot's owner says of its set point with the set points themselves.
+//! * [`reports`] compares what the attitude slot's owner reports of its set point with the set points themselves.
 //! * [`limits`] derives their thresholds from the vehicle.
 //! * [`settings`] is the section `[monitor]` of a scenario, which may replace each of them.
 //! * [`component`] is the process: it decides which owner is watched; `blame.rs` which of two a finding is about,

@@ -1,4 +1,4 @@
-//! Whether the attitude slot's owner follows the position slot, and says truly which set point it tracks.
+//! Whether the attitude slot's owner follows the position slot, and reports correctly which set point it tracks.
 //!
 //! A position controller continues from the set point that the attitude slot reports, and the criteria measure the
 //! vehicle against it, so that a false report misleads both. Here it is compared with the samples of the set points
@@ -10,10 +10,11 @@ use vehicle::wrap_pi;
 
 /// Set points that are known of each seat.
 const KNOWN: usize = 8;
-/// Reports in a row that name no set point that there is, or one that is long over: one alone may be told late.
+/// Reports in a row that name no existing set point, or one that is long over: a single one may
+/// come from a late record.
 const UNFOUND: u64 = 3;
-/// Time that a trip may take to be followed, if that is longer than two periods of the attitude loop: in realtime it may be
-/// told late \[ns\].
+/// Time that a trip may take to be followed, if that is longer than two periods of the attitude
+/// loop: in realtime the trip may arrive late \[ns\].
 pub const FOLLOWED_WITHIN_NS: u64 = 20_000_000;
 /// Rounding of values that are handed through \[rad, N\].
 const EQUAL: f64 = 1e-9;
@@ -81,7 +82,7 @@ pub struct Record {
 
 /// What the attitude slot's owner reports of its set point in a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Said {
+pub struct Report {
     /// Release of the step \[ns\].
     pub release_ns: u64,
     /// Seat whose set points it follows.
@@ -103,7 +104,7 @@ pub struct Reports {
     memory: ReportsMemory,
 }
 
-/// What the known set points say of a report.
+/// What the known set points show about a report.
 enum Judged {
     /// It cannot be compared yet, or not any more.
     Open,
@@ -174,29 +175,29 @@ impl Reports {
         has_changed
     }
 
-    /// Says that another controller flies the attitude slot: what the last one reported is not its.
+    /// Notes that another controller flies the attitude slot: the reports of the last one do not apply to it.
     pub fn forget(&mut self) {
         self.memory.unfound = 0;
         self.memory.left = [0.0; 4];
         self.memory.has_tracked = false;
     }
 
-    /// Says that the position slot's owner on `seat` has tripped, in effect at `at_ns`.
+    /// Notes that the position slot's owner on `seat` has tripped, in effect at `at_ns`.
     pub fn trip(&mut self, seat: u32, at_ns: u64) {
         self.memory.tripped = seat;
         self.memory.tripped_ns = at_ns;
     }
 
     /// What is wrong with a report, if something is.
-    pub fn hear(&mut self, said: &Said) -> Option<TripCause> {
-        if self.ignores_trip(said) {
+    pub fn check(&mut self, report: &Report) -> Option<TripCause> {
+        if self.ignores_trip(report) {
             return Some(TripCause::TripIgnored);
         }
-        match self.judge(said) {
+        match self.judge(report) {
             Judged::Open => None,
             Judged::True { left } => {
                 self.memory.unfound = 0;
-                self.memory.tracked = said.value;
+                self.memory.tracked = report.value;
                 self.memory.left = left;
                 self.memory.has_tracked = true;
                 None
@@ -210,78 +211,79 @@ impl Reports {
     }
 
     /// The tripped owner is still followed when it should not be any more, although the fallback is there.
-    fn ignores_trip(&self, said: &Said) -> bool {
+    fn ignores_trip(&self, report: &Report) -> bool {
         let memory = &self.memory;
         let [_, fallback] = memory.hands;
-        let [_, fallback_every_ns] = said.asked_every_ns;
+        let [_, fallback_every_ns] = report.asked_every_ns;
         // First it is level, and names no set point, for two periods of the fallback.
-        let levels_ns = if said.sequence == 0 { 2 * fallback_every_ns } else { 0 };
+        let levels_ns = if report.sequence == 0 { 2 * fallback_every_ns } else { 0 };
         let tripped_ns = memory.tripped_ns.saturating_add(levels_ns);
-        let due_ns = tripped_ns.saturating_add(FOLLOWED_WITHIN_NS.max(2 * said.period_ns));
+        let due_ns = tripped_ns.saturating_add(FOLLOWED_WITHIN_NS.max(2 * report.period_ns));
         // Usable in a step of the attitude loop between the trip and then.
         let counts = |asked: &Asked| {
             let from_ns = tripped_ns.max(asked.valid_ns);
             let until_ns = due_ns.min(asked.valid_ns.saturating_add(2 * fallback_every_ns));
-            from_ns.saturating_add(said.period_ns) <= until_ns
+            from_ns.saturating_add(report.period_ns) <= until_ns
         };
         memory.tripped != NO_SEAT
-            && said.seat == memory.tripped
-            && said.release_ns > due_ns
+            && report.seat == memory.tripped
+            && report.release_ns > due_ns
             && self.by_seat(fallback).is_some_and(|by_seat| by_seat.known().any(counts))
     }
 
     /// Compares a report with the set points that it can mean.
-    fn judge(&self, said: &Said) -> Judged {
-        let longest_ns = said.asked_every_ns[0].max(said.asked_every_ns[1]);
-        // Until the new owner has spoken, and then until the limiter has given everything back.
+    fn judge(&self, report: &Report) -> Judged {
+        let longest_ns = report.asked_every_ns[0].max(report.asked_every_ns[1]);
+        // Until the new owner has published, and then until the limiter has given everything back.
         let limited_ns =
-            LIMITED_FOR_NS.saturating_add(2 * longest_ns).saturating_add(said.period_ns);
-        let settles = said.release_ns < self.memory.changed_ns.saturating_add(limited_ns);
-        let overdue_ns = (2 * longest_ns).saturating_add(said.period_ns);
-        let is_over = |newer: &Asked| newer.valid_ns.saturating_add(overdue_ns) < said.release_ns;
-        let Some(of_seat) = self.by_seat(said.seat) else { return Judged::Unfound };
-        if said.sequence == 0 && said.seat == self.memory.tripped {
+            LIMITED_FOR_NS.saturating_add(2 * longest_ns).saturating_add(report.period_ns);
+        let settles = report.release_ns < self.memory.changed_ns.saturating_add(limited_ns);
+        let overdue_ns = (2 * longest_ns).saturating_add(report.period_ns);
+        let is_over = |newer: &Asked| newer.valid_ns.saturating_add(overdue_ns) < report.release_ns;
+        let Some(of_seat) = self.by_seat(report.seat) else { return Judged::Unfound };
+        if report.sequence == 0 && report.seat == self.memory.tripped {
             // Until there is another one to follow it is level and tracks no set point.
             return Judged::Open;
         }
-        if said.sequence == 0 && !settles && !self.memory.hands.contains(&said.seat) {
+        if report.sequence == 0 && !settles && !self.memory.hands.contains(&report.seat) {
             return Judged::Unfound;
         }
-        if said.sequence == 0 {
+        if report.sequence == 0 {
             // None is tracked before the first, and after the last has faded for want of another.
             let is_left_out = |asked: &Asked| {
                 let fades_ns = asked.valid_ns.saturating_add(4 * longest_ns);
-                is_over(asked) && said.release_ns < fades_ns
+                is_over(asked) && report.release_ns < fades_ns
             };
             return if of_seat.known().any(is_left_out) { Judged::Unfound } else { Judged::Open };
         }
-        if of_seat.known().all(|asked| asked.sequence > said.sequence)
+        if of_seat.known().all(|asked| asked.sequence > report.sequence)
             && of_seat.count > 0
             && !settles
         {
             // Older than all that is known: it cannot be compared.
             return if of_seat.known().any(is_over) { Judged::Unfound } else { Judged::Open };
         }
-        // Before a new owner speaks, the one before is still followed, with a sequence of its own.
+        // Before a new owner publishes, the one before is still followed, with a sequence of its own.
         let others = self.memory.seats.iter().enumerate().filter(|(seat, _)| {
-            settles && *seat != said.seat as usize && *seat != self.memory.tripped as usize
+            settles && *seat != report.seat as usize && *seat != self.memory.tripped as usize
         });
         let others = others.flat_map(|(_, by_seat)| by_seat.known());
-        let meant = |asked: &&Asked| asked.sequence == said.sequence;
+        let meant = |asked: &&Asked| asked.sequence == report.sequence;
         let mut all = of_seat.known().chain(others).filter(meant).peekable();
         if all.peek().is_none() {
             return Judged::Unfound;
         }
         // One of those that it can mean makes it true.
         let left = all.find_map(|asked| {
-            let left = apart(&asked.value, &said.value);
+            let left = apart(&asked.value, &report.value);
             let limited = if settles { self.limited(asked) } else { [0.0; 4] };
             (0..4).all(|i| left[i] <= limited[i] + EQUAL).then_some(left)
         });
         let Some(left) = left else { return Judged::False };
         // A newer one has been there for more than two periods, and it is not taken.
         let named_ns = of_seat.known().find(meant).map_or(u64::MAX, |asked| asked.valid_ns);
-        let is_newer = |asked: &&Asked| asked.valid_ns > named_ns && asked.sequence > said.sequence;
+        let is_newer =
+            |asked: &&Asked| asked.valid_ns > named_ns && asked.sequence > report.sequence;
         if of_seat.known().filter(is_newer).any(is_over) {
             return Judged::Unfound;
         }

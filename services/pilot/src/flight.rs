@@ -11,7 +11,7 @@ use shared_types::{GuidanceOrder, Header, MorphCommand, Reference, ReferencePoin
 use vehicle::{MorphAngle, VehicleParameters};
 
 inputs! {
-    /// A pilot's plan is a function of time, unless an order says otherwise.
+    /// A pilot's plan is a function of time, unless an order changes it.
     pub struct PilotInputs {
         /// Where to go instead, and how wide to spread the arms.
         order: GuidanceOrder = topics::GUIDANCE_ORDER,

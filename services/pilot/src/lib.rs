@@ -34,8 +34,9 @@ pub use trajectory::{Trajectory, TrajectoryConfig};
 pub use trajectory_point::TrajectoryPoint;
 pub use waypoints::Waypoint;
 
-/// Time between two points of a reference \[ns\]: 48 of them tell a position loop more than two seconds, and a cubic through
-/// two of them with their velocities is a micrometre off a figure eight in 4 s.
+/// Time between two points of a reference \[ns\]: 48 of them show a position loop more than two
+/// seconds, and a cubic through two of them with their velocities is a micrometre off a figure
+/// eight in 4 s.
 pub const REFERENCE_SPACING_NS: u64 = 50_000_000;
 /// Time between two points of a morph path \[ns\]: an attitude loop takes it for linear between them.
 pub const MORPH_SPACING_NS: u64 = 20_000_000;

@@ -255,7 +255,7 @@ fn joins(
     Ok(())
 }
 
-/// What samples say of one axis.
+/// What samples give for one axis.
 struct Axis {
     values: Vec<f64>,
     slopes: Vec<f64>,

@@ -16,7 +16,7 @@ use shared_types::time::ns_from_s;
 /// Keys of the section that belong to no kind of manoeuvre.
 pub const COMMON_KEYS: [&str; 4] = ["rate_hz", "lead_s", "preview_spacing_s", "morph"];
 
-/// Words for `kind`.
+/// Values of `kind`.
 pub const KINDS: [&str; 5] = ["hover", "figure8", "waypoints", "trajectory", "attitude_step"];
 
 /// The whole section.

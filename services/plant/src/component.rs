@@ -92,7 +92,7 @@ impl Plant {
     /// which a silent owner's command gives way to the fallback's.
     fn integrate(&mut self, until_ns: u64, inputs: &Inputs) {
         let mut effects = Effects::default();
-        self.arbiter.hear(&inputs.attitude_owner);
+        self.arbiter.take_records(&inputs.attitude_owner);
         loop {
             let from_ns = self.integrated_ns;
             let held = self.take_effect(from_ns, inputs, &mut effects);

@@ -7,7 +7,7 @@ use shared_types::NO_SEAT;
 use vehicle::MODEL_MEMORY_LEN;
 
 shared_types::memory! {
-    /// A command, by who gave it.
+    /// A command, with the seat that gave it.
     #[derive(PartialEq)]
     pub struct InEffect {
         /// Seat of its writer.
@@ -31,7 +31,7 @@ shared_types::memory! {
         pub sensors: SensorsMemory,
         /// Actuation gate.
         pub gate: GateMemory,
-        /// Whose command counts.
+        /// The seat whose command counts.
         pub arbiter: ArbiterMemory,
         /// Instant up to which the vehicle has been integrated \[ns\].
         pub integrated_ns: u64,

@@ -23,7 +23,7 @@ inputs! {
 }
 
 outputs! {
-    /// What the vehicle's sensors say, what was applied, and the truth for the recorder.
+    /// The readings of the vehicle's sensors, what was applied, and the truth for the recorder.
     pub struct Outputs {
         /// Inertial measurement.
         imu: Imu = topics::IMU,

@@ -22,7 +22,7 @@ shared_types::memory! {
         pub applied: [f64; 4],
         /// Whether there is one.
         pub has_applied: bool,
-        /// Release of the step that said so \[ns\].
+        /// Release of the step that reported it \[ns\].
         pub applied_release_ns: u64,
     }
 }
@@ -127,7 +127,7 @@ impl Service for PositionMpc {
     fn track(&mut self, now_ns: u64, inputs: &Inputs) {
         self.tracked.take_shadowing(inputs);
         if let Some(setpoint) = self.tracked.setpoint {
-            // That step had heard of the set points that were one latency old.
+            // That step had received the set points that were one latency old.
             let since_ns = now_ns.saturating_sub(self.tracked.release_ns) + self.latency_ns;
             let periods = since_ns.div_ceil(self.period_ns).saturating_sub(1);
             self.law.track(&setpoint, usize::try_from(periods).unwrap_or(usize::MAX));

@@ -21,7 +21,7 @@ const TILT_RATE_MAX_RAD_S: f64 = 2.8;
 pub(crate) const USUAL_LATENCY_S: f64 = 0.001;
 pub(crate) const USUAL_ATTITUDE_PERIOD_S: f64 = 0.010;
 
-/// Everything the position law is told before it flies. [`Default`] is for flight.
+/// The complete configuration of the position law. [`Default`] is for flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PositionLawConfig {
     /// Control rate \[Hz\], up to 200.

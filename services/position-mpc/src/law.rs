@@ -224,7 +224,7 @@ impl PositionLaw {
     /// Takes u(k−1) from another controller, whose set point the attitude loop last applied. For each
     /// sample before its step, while another one flies.
     ///
-    /// An attitude loop that is no faster than this one, or hears of a set point late, still reports
+    /// An attitude loop that is no faster than this one, or receives a set point late, still reports
     /// u(k−1−`late`). It is carried on by the increments that this law chose since.
     ///
     /// Where the other one leaves the vehicle up to 0.2 m beside the reference, the law returns to it along a path that

@@ -136,7 +136,7 @@ impl Default for Settings {
     }
 }
 
-/// What a position law is told of the loops around it.
+/// What a position law is given about the loops around it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surroundings {
     /// First-order lag of the rotors \[s\].
@@ -186,7 +186,7 @@ impl ControllerSection for Settings {
             })
     }
 
-    /// A scenario asks for [`law_config`](Settings::law_config) and says which key is to blame.
+    /// A scenario asks for [`law_config`](Settings::law_config) and reports which key is to blame.
     fn check(&self, _flight: &FlightFacts) -> Result<(), SectionRefusal> {
         Ok(())
     }
@@ -269,14 +269,14 @@ mod tests {
         }
     }
 
-    /// What the reference of scenarios says.
+    /// Compares the reference of scenarios with the configuration that flies.
     #[test]
     fn the_words_for_keys_that_are_left_out_name_the_numbers_that_fly() {
         let schema = schemars::schema_for!(Settings);
         let flown = PositionLawConfig::flight(50.0);
         let look_ahead_s = flown.horizon.prediction as f64 / flown.rate_hz;
         let moves_s = flown.horizon.control as f64 / flown.rate_hz;
-        for (key, words) in [
+        for (key, text) in [
             ("prediction_horizon", format!("{look_ahead_s} s if left out")),
             ("control_horizon", format!("{moves_s} s if left out")),
             ("control_blocks", format!("{} if neither", flown.moves[0].terms())),
@@ -291,8 +291,8 @@ mod tests {
             ("thrust_step_max_weights", format!("{} if left out", flown.thrust_step_max_weights)),
             ("tilt_lag_s", format!("{} if left out", flown.tilt_lag_s)),
         ] {
-            let told = schema.as_value()["properties"][key]["description"].as_str().unwrap();
-            assert!(told.contains(&words), "{key}: {told}, and not {words}");
+            let description = schema.as_value()["properties"][key]["description"].as_str().unwrap();
+            assert!(description.contains(&text), "{key}: {description}, and not {text}");
         }
     }
 

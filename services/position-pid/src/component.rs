@@ -91,7 +91,7 @@ impl Service for PositionPid {
 
     fn restore(&mut self, memory: &ComponentMemory) -> Result<(), String> {
         self.law.restore(&memory.law)?;
-        // Nothing of this law goes by when it was said.
+        // Nothing in this law depends on when it was reported.
         self.tracked = Tracked::unpacked(memory.applied, memory.has_applied, 0);
         Ok(())
     }

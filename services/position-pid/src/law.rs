@@ -9,7 +9,7 @@ use vehicle::VehicleParameters;
 /// Thrust is raised with the tilt up to this: cos 0.8, beyond which no set point goes.
 const MIN_COSINE: f64 = 0.7;
 
-/// Everything the law is told before it flies; gains for x, y and z.
+/// The complete configuration of the law; gains for x, y and z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PositionPidConfig {
     /// Control rate \[Hz\].

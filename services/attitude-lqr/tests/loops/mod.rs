@@ -22,7 +22,7 @@ pub(crate) fn hover(gamma_rad: Vector3<f64>) -> Setpoint {
     Setpoint { gamma_rad, thrust_n: VehicleParameters::default().weight_n() }
 }
 
-/// What a loop is told at `release` \[ns\].
+/// The measurement that a loop gets at `release` \[ns\].
 pub(crate) fn measured(flight: &Flight, release: u64) -> Measurement {
     let (state, applied) = flight.sampled();
     Measurement {
@@ -134,9 +134,9 @@ pub(crate) fn assert_well_behaved<L: AttitudeLaw>(make: impl Fn() -> AttitudeLoo
     assert_eq!(counted.count_total, 0);
 }
 
-/// Flies the attitude MPC through turns and steps, with `shadow` beside it that is told only what the
-/// plant applied; largest difference of torque in shares of the bound: while it tracks, and in the
-/// second after it has stopped.
+/// Flies the attitude MPC through turns and steps, with `shadow` beside it that is given only what
+/// the plant applied; largest difference of torque in shares of the bound: while it tracks, and in
+/// the second after it has stopped.
 pub(crate) fn shadowed<L: AttitudeLaw>(shadow: &mut AttitudeLoop<L>, beta: MorphAngle) -> [f64; 2] {
     let rate_hz = 1.0 / shadow.timing().period_s;
     let vehicle = VehicleParameters::default();
@@ -152,17 +152,17 @@ pub(crate) fn shadowed<L: AttitudeLaw>(shadow: &mut AttitudeLoop<L>, beta: Morph
             break;
         }
         flight.advance(release);
-        let told = measured(&flight, release);
+        let measurement = measured(&flight, release);
         // Gentle: what a set point of flight does in a tenth of a second.
         let gamma_rad = Vector3::new(0.1 * libm::sin(3.0 * t_s), -0.05, 0.2 * t_s);
         let setpoint = hover(gamma_rad);
         let output = owner.step(&attitude_mpc::Input {
-            gamma_rad: told.gamma_rad,
-            body_rate_rad_s: told.body_rate_rad_s,
-            age_s: told.age_s,
-            morph_angle: told.morph_angle,
+            gamma_rad: measurement.gamma_rad,
+            body_rate_rad_s: measurement.body_rate_rad_s,
+            age_s: measurement.age_s,
+            morph_angle: measurement.morph_angle,
             setpoint: attitude_mpc::Setpoint { gamma_rad, thrust_n: setpoint.thrust_n },
-            applied_torque_nm: told.applied_nm,
+            applied_torque_nm: measurement.applied_nm,
         });
         flight.command(Wrench { thrust_n: output.thrust_n, torque_b_nm: output.torque_nm });
         if t_s < 0.5 {
@@ -170,9 +170,9 @@ pub(crate) fn shadowed<L: AttitudeLaw>(shadow: &mut AttitudeLoop<L>, beta: Morph
         }
         let tracks = t_s < 1.5;
         if tracks {
-            shadow.track(&told.applied_nm.unwrap(), output.thrust_n);
+            shadow.track(&measurement.applied_nm.unwrap(), output.thrust_n);
         }
-        let shadowed = shadow.step(&told, &setpoint);
+        let shadowed = shadow.step(&measurement, &setpoint);
         let apart = shadowed.torque.input - output.torque_nm;
         if t_s > 1.0 {
             let share = apart.component_div(&output.torque_bound_nm).amax();

@@ -1,4 +1,4 @@
-//! Whose set points the attitude loop tracks: flips, records that come too late, fail-over, the
+//! Which set points the attitude loop tracks: flips, records that come too late, fail-over, the
 //! limiter, and continuing from a memory amid them.
 
 use attitude_mpc::{AttitudeLawConfig, AttitudeMpc};
@@ -43,7 +43,7 @@ fn inputs() -> Inputs {
     inputs
 }
 
-fn tell(inputs: &mut Inputs, epoch: u64, from_ms: u64, owner: u32, fallback: u32, other: bool) {
+fn announce(inputs: &mut Inputs, epoch: u64, from_ms: u64, owner: u32, fallback: u32, other: bool) {
     inputs.position_owner.offer(OwnerRecord {
         header: Header { sequence: epoch, valid_ns: from_ms * MS, ..Header::default() },
         epoch,
@@ -58,7 +58,7 @@ fn tell(inputs: &mut Inputs, epoch: u64, from_ms: u64, owner: u32, fallback: u32
 }
 
 /// Set points of one writer, one per period, effective from `from_ms` until before `until_ms`.
-fn say(inputs: &mut Inputs, seat: u32, from_ms: u64, until_ms: u64) {
+fn send(inputs: &mut Inputs, seat: u32, from_ms: u64, until_ms: u64) {
     let step_ms = usize::try_from(PERIOD_NS / MS).expect("small");
     for ms in (from_ms..until_ms).step_by(step_ms) {
         inputs.attitude_setpoint.offer(AttitudeSetpoint {
@@ -101,20 +101,20 @@ fn a_flip_counts_from_its_instant_on_and_a_late_one_is_refused_and_told() {
     let (mut attitude, mut inputs) = (controller(), inputs());
     let unowned = applied(&fly(&mut attitude, &mut inputs, 0, 0));
     assert_eq!((unowned.epoch, unowned.seat), (0, NO_SEAT));
-    tell(&mut inputs, 1, 1, A, NO_SEAT, false);
-    tell(&mut inputs, 2, 45, B, A, false);
-    say(&mut inputs, A, 5, 200);
-    say(&mut inputs, B, 5, 200);
+    announce(&mut inputs, 1, 1, A, NO_SEAT, false);
+    announce(&mut inputs, 2, 45, B, A, false);
+    send(&mut inputs, A, 5, 200);
+    send(&mut inputs, B, 5, 200);
     let before = applied(&fly(&mut attitude, &mut inputs, 10, 40));
     assert_eq!((before.epoch, before.seat, before.setpoint_sequence), (1, A, 26));
     assert_roll(&before, 0.0);
     let after = applied(&fly(&mut attitude, &mut inputs, 50, 60));
     assert_eq!((after.epoch, after.seat, after.setpoint_sequence), (2, B, 46));
     assert_roll(&after, ROLL_RAD);
-    tell(&mut inputs, 3, 60, A, NO_SEAT, false);
+    announce(&mut inputs, 3, 60, A, NO_SEAT, false);
     let late = applied(&fly(&mut attitude, &mut inputs, 70, 70));
     assert_eq!((late.epoch, late.seat, late.refused_epoch), (2, B, 3));
-    tell(&mut inputs, 4, 71, A, NO_SEAT, false);
+    announce(&mut inputs, 4, 71, A, NO_SEAT, false);
     let next = applied(&fly(&mut attitude, &mut inputs, 80, 90));
     assert_eq!((next.epoch, next.seat, next.refused_epoch), (4, A, 3));
 }
@@ -122,10 +122,10 @@ fn a_flip_counts_from_its_instant_on_and_a_late_one_is_refused_and_told() {
 #[test]
 fn a_consumer_that_joins_late_and_hears_the_fallback_first_does_not_fail_over() {
     let (mut attitude, mut inputs) = (controller(), inputs());
-    tell(&mut inputs, 1, 0, A, B, false);
-    say(&mut inputs, B, 45, 200);
-    say(&mut inputs, A, 65, 200);
-    // Its history holds the fallback's word of 45 ms only.
+    announce(&mut inputs, 1, 0, A, B, false);
+    send(&mut inputs, B, 45, 200);
+    send(&mut inputs, A, 65, 200);
+    // Its history holds only the fallback's set point of 45 ms.
     inputs.accept(45 * MS, None);
     let first = applied(&fly(&mut attitude, &mut inputs, 50, 60));
     assert_eq!((first.seat, first.failed_over, first.setpoint_sequence), (A, Flag::No, 46));
@@ -137,20 +137,20 @@ fn a_consumer_that_joins_late_and_hears_the_fallback_first_does_not_fail_over() 
 #[test]
 fn the_fallbacks_set_points_count_two_periods_after_the_owners_last_one() {
     let (mut attitude, mut inputs) = (controller(), inputs());
-    tell(&mut inputs, 1, 0, A, B, false);
-    say(&mut inputs, A, 0, 70);
-    say(&mut inputs, B, 0, 130);
-    // A's last word is of 60 ms.
+    announce(&mut inputs, 1, 0, A, B, false);
+    send(&mut inputs, A, 0, 70);
+    send(&mut inputs, B, 0, 130);
+    // A's last set point is of 60 ms.
     let before = applied(&fly(&mut attitude, &mut inputs, 0, 90));
     assert_eq!((before.seat, before.failed_over), (A, Flag::No));
     let after = applied(&fly(&mut attitude, &mut inputs, 100, 100));
     assert_eq!((after.seat, after.failed_over, after.epoch), (B, Flag::Yes, 1));
     assert_roll(&after, ROLL_RAD);
-    say(&mut inputs, A, 110, 200);
+    send(&mut inputs, A, 110, 200);
     let held = applied(&fly(&mut attitude, &mut inputs, 110, 190));
     assert_eq!((held.seat, held.setpoint_sequence), (B, 121), "its last one, long after its end");
     assert_roll(&held, ROLL_RAD);
-    tell(&mut inputs, 2, 191, A, NO_SEAT, false);
+    announce(&mut inputs, 2, 191, A, NO_SEAT, false);
     let back = applied(&fly(&mut attitude, &mut inputs, 200, 200));
     assert_eq!((back.seat, back.failed_over, back.setpoint_sequence), (A, Flag::No, 191));
 }
@@ -158,8 +158,8 @@ fn the_fallbacks_set_points_count_two_periods_after_the_owners_last_one() {
 #[test]
 fn after_a_trip_without_a_fallback_the_loop_is_level_and_then_takes_what_there_is() {
     let (mut attitude, mut inputs) = (controller(), inputs());
-    tell(&mut inputs, 1, 0, B, NO_SEAT, false);
-    say(&mut inputs, B, 0, 1600);
+    announce(&mut inputs, 1, 0, B, NO_SEAT, false);
+    send(&mut inputs, B, 0, 1600);
     inputs.trip.offer(Trip {
         header: Header { sequence: 1, valid_ns: 100 * MS, ..Header::default() },
         epoch: 1,
@@ -186,10 +186,10 @@ fn after_a_trip_without_a_fallback_the_loop_is_level_and_then_takes_what_there_i
 fn only_a_change_of_kind_is_limited_and_the_heading_never_is() {
     for (other, share) in [(false, 1.0), (true, 0.035 / ROLL_RAD)] {
         let (mut attitude, mut inputs) = (controller(), inputs());
-        tell(&mut inputs, 1, 0, A, NO_SEAT, false);
-        tell(&mut inputs, 2, 40, B, A, other);
-        say(&mut inputs, A, 0, 200);
-        say(&mut inputs, B, 0, 200);
+        announce(&mut inputs, 1, 0, A, NO_SEAT, false);
+        announce(&mut inputs, 2, 40, B, A, other);
+        send(&mut inputs, A, 0, 200);
+        send(&mut inputs, B, 0, 200);
         let at_once = applied(&fly(&mut attitude, &mut inputs, 0, 40));
         assert_roll(&at_once, share * ROLL_RAD);
         assert_eq!(at_once.yaw_rad.to_bits(), 3.0_f64.to_bits());
@@ -204,12 +204,12 @@ fn only_a_change_of_kind_is_limited_and_the_heading_never_is() {
 fn a_loop_restored_amid_flips_and_fail_over_continues_bit_for_bit() {
     let eventful = || {
         let mut inputs = inputs();
-        tell(&mut inputs, 1, 0, A, NO_SEAT, false);
-        tell(&mut inputs, 2, 45, B, A, true);
-        tell(&mut inputs, 3, 175, B, NO_SEAT, true);
-        say(&mut inputs, A, 5, 300);
-        say(&mut inputs, B, 5, 80);
-        say(&mut inputs, B, 155, 300);
+        announce(&mut inputs, 1, 0, A, NO_SEAT, false);
+        announce(&mut inputs, 2, 45, B, A, true);
+        announce(&mut inputs, 3, 175, B, NO_SEAT, true);
+        send(&mut inputs, A, 5, 300);
+        send(&mut inputs, B, 5, 80);
+        send(&mut inputs, B, 155, 300);
         inputs
     };
     for restored_ms in [40, 50, 70, 110, 120, 170, 180, 200] {

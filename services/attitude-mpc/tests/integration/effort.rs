@@ -1,4 +1,4 @@
-//! Programs too large for their rate: every step ends, and says how.
+//! Programs too large for their rate: every step ends, and reports how.
 
 use crate::rig::{Flight, MS};
 use attitude_mpc::{
@@ -72,8 +72,8 @@ fn a_step_that_takes_too_long_is_cut_off_at_the_same_place_everywhere_and_counte
         // What is hard and impossible may be recognised in time.
         let impossible = LawStatus::Fallback(QpStatus::Infeasible);
         let verdict = if soft { limited } else { impossible };
-        let told = statuses.contains(&limited) || statuses.contains(&verdict);
-        assert!(told, "{case}: {statuses:?}");
+        let is_reported = statuses.contains(&limited) || statuses.contains(&verdict);
+        assert!(is_reported, "{case}: {statuses:?}");
         assert_eq!(law.memory().counters.fallbacks, cut as u64, "{case}");
         for output in &outputs {
             let excess = output.torque_nm.abs() - output.torque_bound_nm;

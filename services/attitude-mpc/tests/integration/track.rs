@@ -1,4 +1,4 @@
-//! A fresh law beside one that flies, told only what the plant applied.
+//! A fresh law beside one that flies, given only what the plant applied.
 
 use crate::rig::{Flight, MS, SIZES, release_ns};
 use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Input, LawStatus, Setpoint};

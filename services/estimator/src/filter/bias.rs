@@ -8,7 +8,7 @@ pub(super) const SCALARS: usize = 2;
 /// What is believed of a bias.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bias {
-    /// The sensor has been heard, and has a bias.
+    /// The sensor has delivered a reading, and has a bias.
     pub(super) is_known: bool,
     /// In the sensor's unit.
     pub(super) value: f64,

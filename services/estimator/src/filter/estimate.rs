@@ -1,4 +1,4 @@
-//! What the filter tells the world.
+//! What the filter publishes.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

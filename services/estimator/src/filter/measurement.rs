@@ -1,4 +1,4 @@
-//! What a sensor of one number says of the state.
+//! What a reading of one number implies about the state.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

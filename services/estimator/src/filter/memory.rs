@@ -209,7 +209,7 @@ impl Evolving {
         self.base.propagate(&oldest, config);
         let passed = self.readings.until(oldest.time_ns);
         for reading in &self.readings.all()[..passed] {
-            // Its verdict was told when it came.
+            // Its verdict was reported when it came.
             let _verdict = scalar::correct(&mut self.base, reading, config);
         }
         self.readings.forget(passed);

@@ -60,7 +60,7 @@ impl Monitor {
         }
     }
 
-    /// Takes in a fix's whitened innovation and says what to do about the covariance.
+    /// Takes in a fix's whitened innovation and advises what to do about the covariance.
     pub(super) fn observe(&mut self, z: &Vector6<f64>, config: &FilterConfig) -> Advice {
         let nis = z.norm_squared();
         let gated = nis > config.fix_gate;
@@ -164,9 +164,9 @@ mod tests {
             (noisier.count(), monitor.noise_scale)
         };
         assert_eq!(observe(1.5, 500), (0, 1.0), "within what chance allows");
-        let (told, scale) = observe(1.7, 500);
+        let (count, scale) = observe(1.7, 500);
         // Once, as soon as the window has enough of it.
-        assert!(told == 1 && (1.6..=1.7).contains(&scale), "{told} {scale}");
+        assert!(count == 1 && (1.6..=1.7).contains(&scale), "{count} {scale}");
         assert_eq!(observe(1.0, 500), (0, scale), "within what chance allows");
         assert_eq!(observe(0.5, 500), (0, 1.0));
     }

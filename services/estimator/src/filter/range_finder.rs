@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::error_state::{ATTITUDE, ErrorState, POSITION};
 use super::measurement::{MeasurementModel, Predicted};
 
-/// Cosine of the tilt beyond which a reading says nothing of the height, 60°.
+/// Cosine of the tilt beyond which a reading does not measure the height, 60°.
 const MIN_COS_TILT: f64 = 0.5;
 
 /// What the filter is told of the range finder.

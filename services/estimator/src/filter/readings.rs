@@ -22,8 +22,8 @@ impl Readings {
         &self.readings[..self.length]
     }
 
-    /// Adds one in the order of time, behind those of the same instant, in place of the oldest if there is no room; and
-    /// tells its place.
+    /// Adds one in the order of time, behind those of the same instant, in place of the oldest if
+    /// there is no room; and returns its place.
     pub(super) fn insert(&mut self, reading: Reading) -> usize {
         if self.length == READINGS_CAPACITY {
             self.forget(1);

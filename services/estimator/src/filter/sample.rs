@@ -1,4 +1,4 @@
-//! What the sensors say, and what the filter answers.
+//! The readings of the sensors, and the answers of the filter.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -1,4 +1,4 @@
-//! The covariance tells the truth: NEES and NIS over seeded Monte-Carlo runs.
+//! The covariance matches the true errors: NEES and NIS over seeded Monte-Carlo runs.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 

@@ -98,7 +98,7 @@ pub(crate) struct Script {
     pub(crate) steps_per_imu: usize,
     /// No inertial sample from the first to before the second step.
     pub(crate) imu_gap: (usize, usize),
-    /// Noise of the fixes over what the filter is told.
+    /// Noise of the fixes over what the filter is configured for.
     pub(crate) fix_noise: f64,
 }
 
@@ -147,7 +147,7 @@ impl Sensors {
         })
     }
 
-    /// The initial belief: the truth, missed by as much as the belief says.
+    /// The initial belief: the truth, missed by as much as its covariance implies.
     pub(crate) fn initial(&mut self, truth: &Truth) -> InitialState {
         let believed = InitialState::default();
         InitialState {

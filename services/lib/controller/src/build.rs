@@ -7,7 +7,7 @@ use shared_types::Slot;
 use thiserror::Error;
 use vehicle::VehicleParameters;
 
-/// What a controller is told of the flight that it is built for, beside its own section.
+/// What a controller is given about the flight that it is built for, beside its own section.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FlightFacts {
     /// The vehicle as it is modelled.
@@ -85,7 +85,7 @@ pub trait ControllerSection {
     /// What does not go together.
     fn build(&self, flight: &FlightFacts) -> Result<Self::Service, SectionRefusal>;
 
-    /// Says what [`build`](Self::build) refuses, without more effort than that needs.
+    /// Finds what [`build`](Self::build) refuses, without more effort than that needs.
     ///
     /// # Errors
     /// As there.

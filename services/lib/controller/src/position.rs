@@ -16,7 +16,7 @@ inputs! {
         reference: Reference = topics::REFERENCE,
         /// Set point in use at the attitude loop.
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
-        /// Whose commands the plant follows.
+        /// The seat whose commands the plant follows.
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
         /// Planned path of the deployable angle.
         morph_command: MorphCommand = topics::MORPH_COMMAND,
@@ -35,22 +35,22 @@ outputs! {
     }
 }
 
-/// What the controller that flies the attitude slot has said of its set point in this step.
+/// What the controller that flies the attitude slot has reported of its set point in this step.
 fn in_command(inputs: &Inputs) -> Option<&AppliedSetpoint> {
     inputs.applied_setpoint.in_command(&inputs.attitude_owner, inputs.applied_command.latest())
 }
 
-/// The set point that the attitude slot's owner tracks; shadows say what they track, too.
+/// The set point that the attitude slot's owner tracks; shadows report what they track, too.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Tracked {
-    /// None until the owner has spoken.
+    /// None until the owner has published.
     pub setpoint: Option<Setpoint>,
-    /// Release of the step that said so \[ns\].
+    /// Release of the step that reported it \[ns\].
     pub release_ns: u64,
 }
 
 impl Tracked {
-    /// Takes what the owner says in a step.
+    /// Takes what the owner reports in a step.
     pub fn take(&mut self, inputs: &Inputs) {
         if let Some(sample) = in_command(inputs) {
             self.set(sample);
@@ -79,7 +79,7 @@ impl Tracked {
         (self.setpoint.map_or([0.0; 4], <[f64; 4]>::from), self.setpoint.is_some())
     }
 
-    /// What [`Tracked::packed`] and the release say.
+    /// The value that [`Tracked::packed`] and the release describe.
     #[must_use]
     pub fn unpacked(setpoint: [f64; 4], is_there: bool, release_ns: u64) -> Self {
         Self { setpoint: is_there.then(|| setpoint.into()), release_ns }

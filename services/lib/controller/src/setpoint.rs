@@ -13,7 +13,7 @@ pub struct Setpoint {
 }
 
 impl Setpoint {
-    /// The one that an attitude loop says it tracks; none before its first.
+    /// The one that an attitude loop reports as tracked; none before its first.
     #[must_use]
     pub fn of_applied(sample: &AppliedSetpoint) -> Option<Self> {
         (sample.setpoint_sequence > 0).then(|| Self {

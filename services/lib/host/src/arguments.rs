@@ -1,4 +1,4 @@
-//! How a process is told which place in which run to take.
+//! The arguments that name the run and the place in it that a process takes.
 
 use clap::Args;
 use runtime::Place;

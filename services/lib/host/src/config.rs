@@ -17,10 +17,10 @@ impl Config {
         Self { path }
     }
 
-    /// What the file says, as TOML; `T`'s defaults if there is no file.
+    /// The content of the file, as TOML; `T`'s defaults if there is no file.
     ///
     /// # Errors
-    /// The file cannot be read, or says something that `T` has no place for.
+    /// The file cannot be read, or has a key that `T` has no place for.
     pub fn read<T: DeserializeOwned + Default>(&self) -> Result<T, HostError> {
         let Some(path) = &self.path else { return Ok(T::default()) };
         let text = std::fs::read_to_string(path)

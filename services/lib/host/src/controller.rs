@@ -32,7 +32,7 @@ fn slot(text: &str) -> Result<Role, String> {
 /// Joins the run that the command line names, has `build` make the controller and flies it to the
 /// end of the flight, or until its seat is given up.
 ///
-/// Asked for its `--layout`, it tells which builds it can fly with, and ends.
+/// Asked for its `--layout`, it prints which builds it can fly with, and ends.
 ///
 /// `build` gets the flight's rates, latencies and vehicle, and the user's `--config`.
 pub fn controller<S, E>(

@@ -1,4 +1,4 @@
-//! Why a process cannot fly, and what it tells the process that started it.
+//! Why a process cannot fly, and what it reports to the process that started it.
 
 use crate::exit;
 use crate::realtime::Shortfall;
@@ -9,7 +9,7 @@ use std::io::{self, Write as _};
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// What a component says of a configuration that it refuses.
+/// The reason why a component refuses a configuration.
 pub type BuildError = Box<dyn std::error::Error>;
 
 /// Why a process cannot fly.
@@ -50,7 +50,7 @@ pub enum HostError {
     WrongSlot {
         /// One of its outputs.
         topic: &'static str,
-        /// Whose output that is.
+        /// The slot that publishes that output.
         owner: &'static str,
         /// What it was started for.
         slot: &'static str,
@@ -86,7 +86,7 @@ impl HostError {
     }
 }
 
-/// Says how the process `name` ended, if that is worth a word, and gives its exit code.
+/// Prints how the process `name` ended, if that is worth a message, and returns its exit code.
 #[must_use]
 pub fn conclude(name: &str, ended: Result<Ending, HostError>) -> u8 {
     match ended {

@@ -41,7 +41,7 @@ pub struct Flight {
     vehicle: Vehicle,
     /// The loops that take part, in data-flow order.
     loops: Vec<Loop>,
-    /// Who waits for whom, and how old what arrives is.
+    /// Which loop waits for which, and how old what arrives is.
     edges: Vec<Arrow>,
     /// What happens to the time of loops and samples, on a clock that the launcher moves.
     pub timing: Option<Script>,
@@ -121,7 +121,7 @@ struct Arrow {
     to: String,
     latency_ns: u64,
     deadline_ns: u64,
-    /// Said for readers in other languages; here it follows from the consumer.
+    /// Written for readers in other languages; here it follows from the consumer.
     strict: bool,
     asap: bool,
 }

@@ -54,12 +54,13 @@ impl Joined {
         let name_of_run = membership.name();
         let realtime = flight.is_realtime();
         let (known, folder) = (Staying::of(&flight), membership.folder().to_path_buf());
-        let tells = role == Role::Plant;
+        let reports = role == Role::Plant;
         let follow = move |news| {
             let staying = Staying::noted(&folder, known);
             if news == LauncherNews::Abandoned {
                 end_if_it_hangs();
-            } else if tells && let Some(text) = of_launcher(news, &name_of_run, realtime, staying) {
+            } else if reports && let Some(text) = of_launcher(news, &name_of_run, realtime, staying)
+            {
                 // A child's standard output is the launcher's standard error; its own may be closed.
                 let _ = writeln!(io::stdout(), "morphquad: {text}");
             }
@@ -95,7 +96,7 @@ impl Joined {
         let prepare = || {
             let shortfalls = setup.map(|setup| setup.apply()).unwrap_or_default();
             match shortfalls.first() {
-                // The launcher has told of what it could foresee.
+                // The launcher has reported what it could foresee.
                 Some(shortfall) if flight.is_strict() => Err(HostError::from(*shortfall)),
                 _ => Ok(()),
             }
@@ -114,7 +115,7 @@ fn end_if_it_hangs() {
     let _ = kill_process(getpid(), Signal::KILL);
 }
 
-/// What the plant tells of the launcher, on behalf of all; nothing of what it has told before.
+/// What the plant reports about the launcher, on behalf of all; nothing that it has reported before.
 fn of_launcher(
     news: LauncherNews,
     run: &str,
@@ -123,7 +124,7 @@ fn of_launcher(
 ) -> Option<String> {
     Some(match news {
         LauncherNews::Succeeded { pid } => format!("run {run} is led by process {pid} now"),
-        // With the death it was told when that will be.
+        // The message about the death stated when that will be.
         LauncherNews::Abandoned => return None,
         LauncherNews::Died if !realtime => format!(
             "the launcher of run {run} died; its time stands still, and all leave in {leave_s:.1} s"
@@ -137,8 +138,8 @@ fn of_launcher(
     })
 }
 
-/// Opens every port of a component, prepares its thread, says hello, waits for a hand-over if told to,
-/// and flies.
+/// Opens every port of a component, prepares its thread, sends its hello, waits for a hand-over if
+/// one is announced, and flies.
 ///
 /// # Errors
 /// As [`Joined::fly`].
@@ -157,14 +158,14 @@ fn fly_component(
     }
     prepare()?;
     // Held until the end: a dropped writer's last sample may not have been read yet.
-    let _hello = process.say_hello()?;
+    let _hello = process.send_hello()?;
     if await_handover {
         process.take_over()?;
     }
     Ok(process.run())
 }
 
-/// No reader would hear what a component writes on a topic of another role.
+/// No reader would accept what a component writes on a topic of another role.
 fn refuse_other_outputs(executor: &Executor, graph: &Graph) -> Result<(), HostError> {
     let role = executor.node().role;
     let mut topics = executor.component.layout().writes();

@@ -6,7 +6,7 @@ use shared_types::{
     ClockRecord, Handover, Hello, Progress, Registry, Sample, Topic, TopicVisitor, topics,
 };
 
-/// Argument at which an executable of a run tells its [`layout_hash`] and ends.
+/// Argument at which an executable of a run prints its [`layout_hash`] and ends.
 pub const LAYOUT_ARGUMENT: &str = "--layout";
 
 /// Hash of the layouts of all topics and services.

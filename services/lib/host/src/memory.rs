@@ -1,7 +1,8 @@
 //! Memory that a process can still have: of the machine, and of the control groups that it is in, as a container is one.
 //!
-//! A file system of shared memory says how large it may become and not whether there is memory for it. A page that a group
-//! may not have ends one of its processes, whichever the kernel chooses.
+//! A file system of shared memory reports how large it may become and not whether there is memory
+//! for it. A page that a group may not have ends one of its processes, whichever the kernel
+//! chooses.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,12 +12,12 @@ use std::path::{Path, PathBuf};
 pub struct Available {
     /// What is left \[MB\].
     pub mb: u64,
-    /// File of the kernel that says so.
+    /// File of the kernel that reports it.
     pub by: PathBuf,
 }
 
 impl Available {
-    /// To this process; none where the system does not say.
+    /// To this process; none where the system does not report it.
     #[must_use]
     pub fn here() -> Option<Self> {
         Self::below(Path::new("/"))
@@ -31,17 +32,17 @@ impl Available {
 
 fn of_machine(root: &Path) -> Option<Available> {
     let by = root.join("proc/meminfo");
-    let told = fs::read_to_string(&by).ok()?;
-    Some(Available { mb: field(&told, "MemAvailable:")? >> 10, by })
+    let text = fs::read_to_string(&by).ok()?;
+    Some(Available { mb: field(&text, "MemAvailable:")? >> 10, by })
 }
 
 /// Value of a line that begins with `name`.
-fn field(told: &str, name: &str) -> Option<u64> {
-    let values = told.lines().find_map(|line| line.strip_prefix(name));
+fn field(text: &str, name: &str) -> Option<u64> {
+    let values = text.lines().find_map(|line| line.strip_prefix(name));
     values?.split_whitespace().next()?.parse().ok()
 }
 
-/// How one of the two versions of control groups tells of memory.
+/// How one of the two versions of control groups reports memory.
 struct Version {
     /// Where its hierarchy may be mounted.
     mounts: &'static [&'static str],
@@ -67,9 +68,9 @@ const V2: Version = Version {
 
 /// What is left to each group with a limit that the process is in.
 fn groups(root: &Path) -> impl Iterator<Item = Available> {
-    let told = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
+    let text = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
     let mut found = Vec::new();
-    for line in told.lines() {
+    for line in text.lines() {
         let mut parts = line.splitn(3, ':').skip(1);
         let (Some(controllers), Some(group)) = (parts.next(), parts.next()) else { continue };
         let version = match controllers {

@@ -104,7 +104,7 @@ impl Setup {
     }
 
     /// What [`apply`](Self::apply) would not be granted, without asking for it. Whether there is time
-    /// left for a budget, only asking tells.
+    /// left for a budget can only be found by asking.
     #[must_use]
     pub fn shortfalls(&self) -> Vec<Shortfall> {
         let processors = allowed_processors();

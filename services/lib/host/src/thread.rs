@@ -14,14 +14,14 @@ pub fn name_thread(name: &str) {
     }
 }
 
-/// As many words of a name as fit.
+/// As many parts of a name, between hyphens, as fit.
 fn short(name: &str) -> &str {
     let fits = name.floor_char_boundary(MAX_NAME_LEN);
     if fits == name.len() {
         return name;
     }
-    let words = name[..fits].rfind('-').filter(|end| *end > 0);
-    &name[..words.unwrap_or(fits)]
+    let last_hyphen = name[..fits].rfind('-').filter(|at| *at > 0);
+    &name[..last_hyphen.unwrap_or(fits)]
 }
 
 /// Keeps the calling thread on one processor; without permission it stays where it is.

@@ -31,7 +31,7 @@ impl<const N: usize> Bounds<N> {
 
     /// `u`, or the bound on it where they differ by rounding only: a level that the last solve brought to its bound would
     /// otherwise leave room of some 1e-15 in each of many rows, where their exact number is zero and all of them meet in
-    /// one point. What is optimal within such room no double can tell.
+    /// one point. Double precision cannot resolve what is optimal within such room.
     pub(crate) fn with_rounding_taken_off(&self, u: &SVector<f64, N>) -> SVector<f64, N> {
         u.zip_zip_map(&self.u_min, &self.u_max, |u, least, most| {
             let is_at =

@@ -191,7 +191,7 @@ impl<const N: usize> IncrementalMpc<N> {
 
     /// Solves (16) and returns the first move.
     ///
-    /// `reference(j)` is the desired output at k+j, j in 1..=Np; `ahead` tells how gains and
+    /// `reference(j)` is the desired output at k+j, j in 1..=Np; `ahead` describes how gains and
     /// limits go on, if they do not stay as they are. Whatever the solver's verdict, the move is
     /// finite and within the hard limits, as long as these and u(k−1) are finite.
     pub fn step(

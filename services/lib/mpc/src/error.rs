@@ -1,4 +1,4 @@
-//! What a wrong set-up is told.
+//! The errors of a wrong set-up.
 
 /// A configuration that is refused, with the offending values and the remedy.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -8,7 +8,7 @@ use crate::linear::{axpy, dot, norm};
 use crate::scaled::ScaledProblem;
 use crate::solver::{QpError, QpOutcome, QpSolver, QpStatus, check_working_set};
 
-/// Residual up to which the sweeps are said to have solved the problem.
+/// Residual up to which the sweeps count as having solved the problem.
 const SOLVED: f64 = 1e-9;
 
 /// When Hildreth's sweeps end.
@@ -41,10 +41,10 @@ impl HildrethSettings {
 /// One sweep visits the rows in order and sets each multiplier to its best value with the
 /// others held. A two-sided row is one coordinate; pass one-sided rows for the textbook's exact
 /// sequence. It always starts cold: the working set is an output (the signs of the
-/// multipliers), a set handed over changes nothing. The status tells whether the sweeps were
-/// enough: `Solved` means residuals below 1e-9, anything else is `IterationLimit` with the
-/// point reached as solution. Contradictory rows are not recognised (the multipliers grow until
-/// the sweeps end), except `lower > upper` in one row.
+/// multipliers), a set handed over changes nothing. The status shows whether the sweeps were
+/// enough: `Solved` means residuals below 1e-9, anything else is `IterationLimit` with the point
+/// reached as solution. Contradictory rows are not recognised (the multipliers grow until the
+/// sweeps end), except `lower > upper` in one row.
 #[derive(Debug, Clone)]
 pub struct Hildreth {
     settings: HildrethSettings,

@@ -3,7 +3,7 @@
 //! `min 1/2 x'Hx + f'x` subject to `lower <= A x <= upper`.
 //!
 //! [`ActiveSet`] is the solver to fly; [`Hildreth`] is the paper's method, kept for comparison.
-//! Both speak [`QpSolver`] (`solver.rs`, the file to open next). [`kkt_residuals`] judges an
+//! Both implement [`QpSolver`] (`solver.rs`, the file to open next). [`kkt_residuals`] judges an
 //! answer independently of the solver that gave it.
 
 #![warn(missing_docs)]

@@ -128,7 +128,7 @@ impl<T: Real> ScaledProblem<T> {
                 self.spare[(i, j)] = own / row.sqrt() / column.sqrt();
             }
         }
-        // Below the rounding of n subtractions a pivot says nothing about definiteness.
+        // Below the rounding of n subtractions a pivot proves nothing about definiteness.
         cholesky(&mut self.spare, 4.0 * n as f64 * T::EPSILON)
             .map_err(|(index, pivot)| QpError::NotPositiveDefinite { index, pivot })?;
         core::mem::swap(&mut self.factor, &mut self.spare);
@@ -188,7 +188,7 @@ impl<T: Real> ScaledProblem<T> {
         &self.normals[i * self.dim..][..self.dim]
     }
 
-    /// Checks the vectors of a solve and writes g; says how the solve ends if it ends here.
+    /// Checks the vectors of a solve and writes g; returns how the solve ends if it ends here.
     pub(crate) fn check(
         &self,
         f: &[f64],

@@ -1,4 +1,4 @@
-//! What every solver of this crate offers, and the words for how a solve ended.
+//! What every solver of this crate offers, and the status with which a solve ends.
 
 use nalgebra::{DMatrix, DVector};
 

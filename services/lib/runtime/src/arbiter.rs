@@ -1,11 +1,11 @@
-//! How the consumer of a slot selects a command: whose one counts from instant to instant.
+//! How the consumer of a slot selects a command: which seat's command counts from instant to instant.
 //!
-//! Once per step [`CommandArbiter::hear`] takes the owner records. Then, instant by instant:
+//! Once per step [`CommandArbiter::take_records`] takes the owner records. Then, instant by instant:
 //! [`advance`](CommandArbiter::advance), [`trip`](CommandArbiter::trip) for each trip and
-//! [`offer`](CommandArbiter::offer) for each command that takes effect, [`decide`](CommandArbiter::decide). A step
-//! that ends after its last decision says so with [`close_before`](CommandArbiter::close_before): a record for an
-//! instant that is past then came too late and is refused. [`setpoints`] does all this for a loop that tracks
-//! attitude set points.
+//! [`offer`](CommandArbiter::offer) for each command that takes effect, [`decide`](CommandArbiter::decide). A
+//! step that ends after its last decision declares so with [`close_before`](CommandArbiter::close_before): a
+//! record for an instant that is past then came too late and is refused. [`setpoints`] does all this for a
+//! loop that tracks attitude set points.
 
 mod rest;
 pub mod setpoints;
@@ -25,7 +25,7 @@ pub const LIMITED_FOR_NS: u64 = 100_000_000;
 pub struct Selection {
     /// The command in effect, its value as the limiter leaves it.
     pub command: Command,
-    /// Whose it is.
+    /// The seat that gave it.
     pub seat: Seat,
     /// It is another than at the decision before, or the limiter has moved on.
     pub is_new: bool,
@@ -45,7 +45,7 @@ shared_types::memory! {
         pub given: Command,
         /// Seat that gave it; [`NO_SEAT`] if none has.
         pub given_by: u32,
-        /// An owner of another kind has not spoken yet.
+        /// An owner of another kind has not published yet.
         pub kind_changes: bool,
     }
 }
@@ -92,10 +92,10 @@ impl CommandArbiter {
     }
 
     /// Takes the records of this step; a loop that joins a flight begins with the one in effect.
-    pub fn hear(&mut self, records: &Input<OwnerRecord>) {
+    pub fn take_records(&mut self, records: &Input<OwnerRecord>) {
         let joined = records.before_fresh().filter(|_| self.consumer.record().is_none());
         for record in joined.into_iter().chain(records.fresh()).filter_map(Record::read) {
-            // A refusal is counted, and told by `counters`.
+            // A refusal is counted, and reported by `counters`.
             let _taken = self.consumer.take_record(&record);
         }
     }
@@ -139,7 +139,7 @@ impl CommandArbiter {
         self.commands.offer(&self.consumer, seat, &command(header, value, validity_ns));
     }
 
-    /// Takes a command as the one in effect when this consumer joined, until the owner speaks.
+    /// Takes a command as the one in effect when this consumer joined, until the owner publishes.
     pub fn carry(&mut self, header: &Header, value: [f64; 4], validity_ns: u64) {
         let Some(seat) = Seat::new(header.seat) else { return };
         self.commands.carry(seat, &command(header, value, validity_ns));
@@ -155,7 +155,7 @@ impl CommandArbiter {
         let before = (self.given, self.given_by);
         if Some(seat) != self.given_by {
             if let Some(given_by) = self.given_by.filter(|_| by_owner && self.kind_changes) {
-                let old = self.commands.said_by(given_by, now_ns);
+                let old = self.commands.command_of(given_by, now_ns);
                 let old =
                     old.map_or(self.given.value, |old| self.limiter.apply(now_ns, &old.value));
                 self.limiter = Limiter::new(*limit, LIMITED_FOR_NS);
@@ -165,7 +165,7 @@ impl CommandArbiter {
                 self.limiter.restore(&LimiterMemory::default());
             }
         }
-        // Until the new owner speaks, the one before is still heard, and the change is to come.
+        // Until the new owner publishes, the one before is still followed, and the change is to come.
         if by_owner || choice.source == Source::Fallback {
             self.kind_changes = false;
         }
@@ -174,7 +174,7 @@ impl CommandArbiter {
         Some(Selection { command: self.given, seat, is_new: before != (self.given, self.given_by) })
     }
 
-    /// Says that every instant before `now_ns` is past. Before the first record nothing was decided:
+    /// Declares that every instant before `now_ns` is past. Before the first record nothing was decided:
     /// one that comes late then is better than none.
     pub fn close_before(&mut self, now_ns: u64) {
         if self.consumer.record().is_some() {
@@ -182,13 +182,13 @@ impl CommandArbiter {
         }
     }
 
-    /// Decides that nothing counts at `at_ns`, whatever owner and fallback say.
+    /// Decides that nothing counts at `at_ns`, whatever owner and fallback publish.
     pub fn reject(&mut self, at_ns: u64) {
         self.consumer.close_before(at_ns.saturating_add(1));
         self.commands.clear();
     }
 
-    /// Says that the last order is no longer what is applied: nothing has to continue from it.
+    /// Notes that the last order is no longer what is applied: nothing has to continue from it.
     pub fn forget_order(&mut self) {
         self.given_by = None;
         self.limiter.restore(&LimiterMemory::default());
@@ -201,12 +201,12 @@ impl CommandArbiter {
         is_over.then_some(&self.given)
     }
 
-    /// Says what is applied in place of the last order, which has lapsed: a change of kind continues from it.
+    /// Sets what is applied in place of the last order, which has lapsed: a change of kind continues from it.
     pub fn replace_lapsed(&mut self, value: [f64; 4]) {
         self.given.value = value;
     }
 
-    /// When the fallback takes over unless the owner speaks again \[ns\].
+    /// When the fallback takes over unless the owner publishes again \[ns\].
     #[must_use]
     pub fn lapses_ns(&self) -> Option<u64> {
         let has_fallback = self.consumer.record()?.fallback.is_some();

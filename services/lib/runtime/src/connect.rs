@@ -55,7 +55,7 @@ impl OutputVisitor for Writers<'_> {
     }
 }
 
-/// Opens every declared port, of a loop whose time and samples' time a script may say.
+/// Opens every declared port, of a loop whose timing, and that of its samples, a script may set.
 ///
 /// # Errors
 /// The first port that cannot be had.

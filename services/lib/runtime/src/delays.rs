@@ -1,4 +1,4 @@
-//! Samples that arrive when a script says, on a clock that a conductor moves.
+//! Samples that arrive when a script prescribes, on a clock that a conductor moves.
 
 use crate::graph::Edge;
 use crate::input::Source;
@@ -19,7 +19,7 @@ struct OnTheWay {
     release_ns: u64,
 }
 
-/// What is on the way to whom.
+/// The samples on the way, by reader.
 #[derive(Debug)]
 pub struct Delays {
     script: Rc<Script>,
@@ -29,7 +29,7 @@ pub struct Delays {
 }
 
 impl Delays {
-    /// Of what a script on that clock says, before anything has been sent.
+    /// The delays of a script on that clock, before anything has been sent.
     #[must_use]
     pub fn new(script: Rc<Script>) -> Self {
         Self { script, now_mono_ns: Cell::new(0), on_the_way: RefCell::default() }

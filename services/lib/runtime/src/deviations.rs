@@ -1,7 +1,7 @@
 //! What a step's inputs lacked, published beside its outputs.
 //!
-//! What a step should have seen follows from edges and time, so only the exceptions are told: with
-//! them a recording determines every step, also of a realtime flight.
+//! What a step should have seen follows from edges and time, so only the exceptions are reported:
+//! with them a recording determines every step, also of a realtime flight.
 
 use crate::input::{Input, InputVisitor, Newest};
 use crate::output::Output;
@@ -12,22 +12,22 @@ use shared_types::{Deviation, DeviationKind, Header, Role, SEATS, Sample, Seat, 
 /// Inputs of one loop that are waited for; no loop has more.
 const MAX_AWAITED: usize = 8;
 
-/// Roles that a number tells apart.
+/// Roles that a number can distinguish.
 const ROLE_RADIX: u32 = 8;
 
-/// What tells loops apart on topics that all of them write: role and seat.
+/// Identifies a loop on topics that all loops write: role and seat.
 pub(crate) fn loop_number(seat: Seat) -> u32 {
     seat.index.wrapping_mul(ROLE_RADIX).wrapping_add(seat.role.0)
 }
 
-/// What tells the lives of processes apart on topics that all of them write: role, seat and generation.
+/// Identifies one life of a process on topics that all processes write: role, seat and generation.
 /// Each life counts for itself, so that a successor's numbers are not taken for repetitions.
 #[must_use]
 pub fn life_number(seat: Seat, generation: u32) -> u32 {
     generation.wrapping_mul(ROLE_RADIX << 2).wrapping_add(loop_number(seat))
 }
 
-/// Seat that a number of either kind tells.
+/// Seat that a number of either kind contains.
 #[must_use]
 pub fn seat_of_loop(number: u32) -> u32 {
     number / ROLE_RADIX % 4
@@ -53,21 +53,21 @@ impl<'a> Report<'a> {
         self.output.flush(&self.header);
     }
 
-    /// Samples before `header`'s that the loop has not had, if there are any. `is_heard_again`: its seat did not count for
-    /// some of the time.
+    /// Reports samples before `header`'s that the loop did not receive, if there are any.
+    /// `counts_again`: the seat did not count for some of the time.
     fn lost(
         &mut self,
         input: &str,
         header: &Header,
         missing: u64,
-        is_heard_again: bool,
+        counts_again: bool,
         generation: u32,
     ) {
         if missing > 0 {
             let lost = Deviation {
                 first: header.sequence - missing,
                 last: header.sequence - 1,
-                due_ns: if is_heard_again { header.valid_ns } else { 0 },
+                due_ns: if counts_again { header.valid_ns } else { 0 },
                 writer_seat: header.seat,
                 writer_generation: generation,
                 ..Deviation::default()
@@ -76,12 +76,12 @@ impl<'a> Report<'a> {
         }
     }
 
-    /// The last that the loop had of a writer.
+    /// Reports the last sample that the loop received from a writer.
     fn ended(&mut self, input: &str, writer: (u32, u32), last: &Newest) {
         self.sample(DeviationKind::Ended, input, writer, last.sequence);
     }
 
-    /// The writers of whom the loop had something before its first step, and which of them had gone when it began.
+    /// The writers from which the loop had a sample before its first step, and which of them had gone when it began.
     fn known<T: Sample>(&mut self, name: &str, input: &Input<T>) {
         for (index, known) in input.newest_before().into_iter().enumerate() {
             let (Some(known), Ok(seat)) = (known, u32::try_from(index)) else { continue };
@@ -94,7 +94,7 @@ impl<'a> Report<'a> {
         }
     }
 
-    /// The first that the loop had of a writer; 0 if it had some before its first step.
+    /// Reports the first sample that the loop received from a writer; 0 if it had some before its first step.
     fn began(&mut self, input: &str, writer: (u32, u32), first: u64) {
         self.sample(DeviationKind::Began, input, writer, first);
     }
@@ -107,9 +107,9 @@ impl<'a> Report<'a> {
         sequence: u64,
     ) {
         let (first, last) = (sequence, sequence);
-        let told =
+        let deviation =
             Deviation { first, last, writer_seat, writer_generation, ..Deviation::default() };
-        self.write(kind, input, told);
+        self.write(kind, input, deviation);
     }
 
     fn range(&mut self, kind: DeviationKind, input: &str, first: u64, last: u64) {
@@ -152,9 +152,9 @@ impl Pending {
     pub(crate) fn repeat(&mut self, deviation: &Deviation, counts: &mut StateHeader) -> u64 {
         match deviation.kind {
             DeviationKind::MissedDeadline => {
-                // A deadline may be missed on several inputs; each tells the number of all.
-                let told = core::mem::replace(&mut self.misses, deviation.first);
-                counts.input_deadline_misses += deviation.first.saturating_sub(told);
+                // A deadline may be missed on several inputs; each record has the number of all.
+                let before = core::mem::replace(&mut self.misses, deviation.first);
+                counts.input_deadline_misses += deviation.first.saturating_sub(before);
                 let known = topics::all().into_iter().find(|t| t.name == deviation.input_name());
                 self.name_missed(known.map(|topic| topic.name).into_iter());
             }
@@ -211,7 +211,7 @@ impl InputVisitor for ReportInputs<'_> {
         input: &mut Input<T>,
     ) -> Result<(), Infallible> {
         let name = topic.info.name;
-        let (mut newest, mut unheard) = (input.newest_before(), input.unheard_before());
+        let (mut newest, mut ignored) = (input.newest_before(), input.ignored_before());
         let mut late: [Option<Deviation>; SEATS] = [None; SEATS];
         let counts_anew = input.counts_anew();
         if self.begins {
@@ -228,8 +228,9 @@ impl InputVisitor for ReportInputs<'_> {
             let missing = match newest.replace(Newest::of(header)) {
                 Some(before) => {
                     if counts_anew && before.generation != header.generation {
-                        // The last words of one that was killed may have reached others, and its successor repeats
-                        // their numbers. Of one that had gone when this process began it has been told.
+                        // The last samples of a killed process may have reached others, and its
+                        // successor repeats their numbers. A process that had gone when this one
+                        // began has been reported.
                         if !input.has_gone(seat, before.generation) {
                             self.report.ended(name, (header.seat, before.generation), &before);
                         }
@@ -248,8 +249,8 @@ impl InputVisitor for ReportInputs<'_> {
                     0
                 }
             };
-            let is_heard_again = unheard.get_mut(seat).is_some_and(core::mem::take);
-            self.report.lost(name, header, missing, is_heard_again, generation);
+            let counts_again = ignored.get_mut(seat).is_some_and(core::mem::take);
+            self.report.lost(name, header, missing, counts_again, generation);
             if self.previous_ns.is_some_and(|p| input.in_effect(header.valid_ns, p)) {
                 // Numbers are each writer's own: a range never spans two of them.
                 if let Some(before) = late.take_if(|l| l.writer_generation != generation) {
@@ -272,7 +273,7 @@ impl InputVisitor for ReportInputs<'_> {
     }
 }
 
-/// Tells how far the inputs have got.
+/// Reports how far the inputs have got.
 pub(crate) struct ReportEnd<'a>(pub(crate) Report<'a>);
 
 impl InputVisitor for ReportEnd<'_> {

@@ -12,7 +12,7 @@ use shared_types::{Deviation, Handover, Header, LoopStats, Seat};
 /// Logical time between two [`LoopStats`] \[ns\].
 const STATS_PERIOD_NS: u64 = 100_000_000;
 
-/// Releases left out in a row over which the change since the last step still says something of the last period.
+/// Releases left out in a row over which the change since the last step is still about the last period.
 const LEFT_OUT_MAX: u64 = 1;
 
 /// Where packed states go.
@@ -62,7 +62,7 @@ impl Computed {
     }
 }
 
-/// Which of its role's seats a component takes, and who it is there.
+/// Which of its role's seats a component takes, and with which generation.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Place {
     /// Seat of the role.
@@ -158,7 +158,7 @@ impl Executor {
         &self.node
     }
 
-    /// The seat it takes, and who it is there.
+    /// The seat it takes, and its generation there.
     #[must_use]
     pub fn place(&self) -> Place {
         self.place
@@ -207,7 +207,7 @@ impl Executor {
     }
 
     /// Takes a flight up from a published state: as [`restore`](Self::restore), but within one life of
-    /// the process, so that nothing tells of a restart.
+    /// the process, so that nothing reports a restart.
     ///
     /// # Errors
     /// [`RestoreError`] if the state is not one of this build's.
@@ -243,7 +243,7 @@ impl Executor {
         self.track_until_ns = track_until_ns;
     }
 
-    /// Begins where a hand-over says, from a state if it says so.
+    /// Begins where a hand-over states, from a state if it contains one.
     ///
     /// # Errors
     /// [`RestoreError`] if the state is not one of this build's.
@@ -261,7 +261,7 @@ impl Executor {
         Ok(())
     }
 
-    /// Leaves out what processes say that had gone when this one began, see [`Handover::heard_from`].
+    /// Leaves out samples of processes that had gone when this one began, see [`Handover::heard_from`].
     pub fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
         self.component.parts().hear_from(heard_from);
     }
@@ -401,7 +401,7 @@ impl Executor {
         self.pending.missed(awaited.map(|edge| edge.topic.name));
     }
 
-    /// Does again what a recorded deviation tells of the loop as a whole: releases left out or caught
+    /// Repeats what a recorded deviation reports about the loop as a whole: releases left out or caught
     /// up, deadlines missed. The other kinds are about samples, which the transport withholds.
     pub fn repeat(&mut self, deviation: &Deviation) {
         let left_out = self.pending.repeat(deviation, &mut self.counts);
@@ -413,7 +413,7 @@ impl Executor {
         self.rescued_waits += 1;
     }
 
-    /// Takes note of what the loop has cost so far, to be told with its statistics.
+    /// Notes what the loop has cost so far, to be published with its statistics.
     pub(crate) fn note_costs(&mut self, steady: Costs, at_changes: Costs) {
         self.costs = [steady, at_changes];
     }
@@ -482,7 +482,7 @@ impl Executor {
         if !self.next_index.is_multiple_of(self.component.state_every()) {
             return;
         }
-        // Numbered whether it is sent or not: what a state says does not depend on its readers.
+        // Numbered whether it is sent or not: the content of a state does not depend on its readers.
         self.state_sequence += 1;
         let sequence = self.state_sequence;
         let header = Header { sequence, valid_ns: header.release_ns, ..*header };

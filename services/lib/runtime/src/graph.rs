@@ -1,10 +1,10 @@
-//! Who waits for whom: the flight's data flow as edges between release grids.
+//! Which loop waits for which: the flight's data flow as edges between release grids.
 //!
 //! A process publishes its *mark*: the instant of the first release it has not completely
 //! published. Everything released before the mark is final. An edge turns marks into permission: a
 //! step may run once every input it waits for is final up to that step's instant, so a process
-//! runs whole intervals and not single ticks (conservative look-ahead, Chandy & Misra 1979). A loop that says until when
-//! it is quiet opens as much ahead of its mark.
+//! runs whole intervals and not single ticks (conservative look-ahead, Chandy & Misra 1979). A loop
+//! that announces until when it is quiet permits steps that far ahead of its mark.
 
 mod bounds;
 
@@ -95,7 +95,7 @@ pub struct Edge {
     /// The consumer's step at t depends only on samples effective *before* t.
     pub strict: bool,
     /// Realtime: samples take effect when they are published, and not a latency after their release.
-    /// What is in effect when is then for the machine to say.
+    /// When a sample is in effect then depends on the machine.
     pub asap: bool,
 }
 
@@ -166,7 +166,7 @@ pub struct Graph {
 /// Declared latency of each delayed topic, by topic name \[ns\].
 pub type Latency<'a> = &'a dyn Fn(&TopicInfo) -> u64;
 
-/// Role that holds a slot, or fills any other role, where `present` tells which roles there are.
+/// Role that holds a slot, or fills any other role, where `present` gives the roles that there are.
 fn holder(role: Role, present: &dyn Fn(Role) -> bool) -> Role {
     let stand_in = || Slot::of(role).and_then(|slot| slot.spec().stand_in);
     if present(role) { role } else { stand_in().unwrap_or(role) }

@@ -1,4 +1,4 @@
-//! Who leads a run: the process that holds the folder's `launcher.lock`.
+//! Which process leads a run: the one that holds the folder's `launcher.lock`.
 //!
 //! The system gives the lock back when its holder dies, however it dies, so the process that gets it knows that
 //! no other leads. Its text names the one that took over last, for the run's processes to watch.
@@ -32,7 +32,7 @@ pub enum LeadError {
         None => "another process leads it".to_owned(),
     })]
     Led {
-        /// Who, as far as the system tells.
+        /// The other process, as far as the system shows it.
         pid: Option<u32>,
     },
     /// The run's folder.
@@ -57,7 +57,7 @@ impl Leader {
         Some(Self { pid, started: process_start(pid)? })
     }
 
-    /// Who last said that it leads the run of `folder`, dead or alive.
+    /// The process that last claimed to lead the run of `folder`, dead or alive.
     #[must_use]
     pub fn of_run(folder: &Path) -> Option<Self> {
         let text = fs::read_to_string(folder.join(LOCK)).ok()?;
@@ -153,7 +153,7 @@ fn is_killed(status: &str) -> bool {
     masks.any(|mask| mask & 1 << (SIGKILL - 1) != 0)
 }
 
-/// Who holds a lock on a file, by the system's own list.
+/// The process that holds a lock on a file, by the system's own list.
 fn holder(file: &File) -> Option<u32> {
     let found = file.metadata().ok()?;
     let locks = fs::read_to_string("/proc/locks").ok()?;
@@ -165,9 +165,9 @@ fn holder_in(locks: &str, device: u64, inode: u64) -> Option<u32> {
     let wanted = format!("{:02x}:{:02x}:{inode}", major(device), minor(device));
     // `1: FLOCK  ADVISORY  WRITE 4711 00:1a:815 0 EOF`
     locks.lines().find_map(|line| {
-        let mut words = line.split_whitespace();
-        let pid = words.nth(4)?;
-        (words.next()? == wanted).then(|| pid.parse().ok())?
+        let mut fields = line.split_whitespace();
+        let pid = fields.nth(4)?;
+        (fields.next()? == wanted).then(|| pid.parse().ok())?
     })
 }
 

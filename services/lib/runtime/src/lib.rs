@@ -1,7 +1,7 @@
 //! Loops, ports, clocks, timing and ownership, once for every morphquad process.
 //!
 //! A component ([`Service`]) is pure; this crate gives it time, inputs and outputs. Open in order:
-//! [`graph`] (who waits for whom), [`service`] and [`input`] (what a component sees), [`executor`]
+//! [`graph`] (which loop waits for which), [`service`] and [`input`] (what a component sees), [`executor`]
 //! (when a step may run), [`process`] (the loop of a real process), [`ipc`] (ports over shared
 //! memory), [`namespace`] (a run's own corner of the machine).
 

@@ -1,9 +1,9 @@
-//! A run's own corner of the machine: a folder in memory, a prefix, and locks that tell who lives.
+//! A run's own corner of the machine: a folder in memory, a prefix, and locks that show which processes live.
 //!
 //! Every process of a run holds a shared lock on the folder's `run.lock`; the launcher also holds
 //! `launcher.lock` exclusively. The process that gets `run.lock` exclusively may wipe: the last one to
 //! leave, or the next run that finds a dead one. Whether a run is dead can only be found out by trying for
-//! that lock, so those who look take turns, by a lock on the folder itself: two at once would each take
+//! that lock, so processes that look take turns, by a lock on the folder itself: two at once would each take
 //! the other for a member.
 //! The process that gets `launcher.lock` leads, see [`leader`](crate::leader).
 
@@ -81,7 +81,7 @@ impl Membership {
         Ok(Self { folder, run_lock, leader_lock: Some(leader_lock) })
     }
 
-    /// Joins a run whose launcher has died, as its next launcher. Its processes hear of it with
+    /// Joins a run whose launcher has died, as its next launcher. Its processes learn of it with
     /// [`announce_lead`](Self::announce_lead).
     ///
     /// # Errors

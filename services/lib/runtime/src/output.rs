@@ -71,7 +71,7 @@ impl<T: Sample> Output<T> {
         let Some(sample) = &mut self.slot else { return };
         self.sequence += 1;
         let valid_ns = match &self.asap {
-            // Who works ahead of time publishes before the release.
+            // A source that works ahead of time publishes before the release.
             Some(wall) => wall.logical_ns(step.publish_mono_ns).max(step.release_ns),
             None => step.release_ns + self.latency_ns,
         };

@@ -1,4 +1,4 @@
-//! Whose word counts: a slot's owner from instant to instant.
+//! Which seat counts: a slot's owner from instant to instant.
 //!
 //! A slot's consumers wait for the seats that may command at an instant, owner and fallback, and
 //! never for a shadow. Ownership changes at an effective instant T: what takes effect before T comes
@@ -47,7 +47,7 @@ impl MarkView for Marks {
     }
 }
 
-/// Who commands a slot from an instant on.
+/// The seats that command a slot from an instant on.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Tenure {
     from_ns: u64,
@@ -66,7 +66,7 @@ pub struct SlotBook {
 }
 
 impl SlotBook {
-    /// Takes in a record; one of an epoch that is known already says nothing new.
+    /// Takes in a record; one of an epoch that is known already has no effect.
     pub fn learn(&mut self, record: &OwnerRecord) {
         let known = self.tenures().last().map_or(0, |last| last.epoch);
         if record.epoch <= known {
@@ -104,7 +104,7 @@ impl SlotBook {
             || self.tenures().iter().any(|t| t.owner == seat || t.fallback == seat)
     }
 
-    /// True if what `seat` says for the instant `t_ns` can be followed: then, and only then, has it been
+    /// True if what `seat` publishes for the instant `t_ns` can be followed: then, and only then, has it been
     /// waited for.
     #[must_use]
     pub fn counts(&self, seat: u32, t_ns: u64) -> bool {
@@ -122,7 +122,7 @@ impl SlotBook {
         (!last.members.get(index).copied().unwrap_or(false)).then_some(last.from_ns)
     }
 
-    /// True if `seat` is taken at `t_ns` or later, as far as any record says.
+    /// True if `seat` is taken at `t_ns` or later, as far as any record states.
     pub(crate) fn is_taken_from(&self, seat: u32, t_ns: u64) -> bool {
         let index = usize::try_from(seat).unwrap_or(SEATS);
         let over = self.tenures().iter().skip(1).take_while(|next| next.from_ns <= t_ns).count();

@@ -26,7 +26,7 @@ pub enum Next {
 /// Decides for one loop at one instant.
 #[derive(Debug)]
 pub struct Pacing<'a, M> {
-    /// Whom it waits for.
+    /// What it waits for.
     pub graph: &'a Graph,
     /// How far these have got.
     pub marks: &'a M,

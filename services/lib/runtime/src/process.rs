@@ -1,8 +1,7 @@
-//! The loop of a real process: waits for permission, runs whole intervals, says how far it got.
+//! The loop of a real process: waits for permission, runs whole intervals, reports how far it got.
 //!
 //! `lockstep.rs` and `realtime.rs` are the two clocks, `timed.rs` is one that the launcher moves, `timing.rs` what a
-//! script has a process take, `surroundings.rs` is
-//! whom it waits for and wakes.
+//! script has a process take, `surroundings.rs` the processes that it waits for and wakes.
 
 mod lockstep;
 mod realtime;
@@ -82,18 +81,18 @@ pub struct Process<'a> {
     /// Instant from which the seat is no longer this process's \[ns\].
     leave_ns: u64,
     /// The mark that was published last \[ns\].
-    told_ns: Option<u64>,
+    published_ns: Option<u64>,
     /// Lockstep: see [`Progress::quiet_until_ns`] \[ns\].
     quiet_until_ns: u64,
     /// `CLOCK_MONOTONIC` when all ports were open \[ns\].
     opened_mono_ns: u64,
     upkeep: Upkeep,
-    /// Who was there at the last look.
+    /// The processes that were registered at the last look.
     registered: u64,
     timed_out: bool,
-    /// The time that it takes, if a script says so.
+    /// The time that it takes, if a script sets it.
     timing: Option<Timing>,
-    /// By what it is told of its turns on a clock that the launcher moves.
+    /// The orders for its turns on a clock that the launcher moves.
     turns: Option<TurnTaker>,
     /// It has published its totals.
     has_finished: bool,
@@ -137,7 +136,7 @@ impl<'a> Process<'a> {
             seat,
             pid: std::process::id(),
             leave_ns: u64::MAX,
-            told_ns: None,
+            published_ns: None,
             quiet_until_ns: 0,
             // The executor has opened its own before, and fields are made in their order here.
             opened_mono_ns: mono_now_ns(),
@@ -150,7 +149,7 @@ impl<'a> Process<'a> {
         })
     }
 
-    /// Lets it take the time that a script says.
+    /// Lets it take the time that a script sets.
     ///
     /// # Errors
     /// [`PortError`].
@@ -163,11 +162,11 @@ impl<'a> Process<'a> {
         Ok(())
     }
 
-    /// Tells the supervisor that all ports are open.
+    /// Reports to the supervisor that all ports are open.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn say_hello(&self) -> Result<IpcSink<Hello>, PortError> {
+    pub fn send_hello(&self) -> Result<IpcSink<Hello>, PortError> {
         let mut hello = self.bus.open_writer::<Hello>(ServiceKind::Hello)?;
         hello.send(&Hello {
             state_layout: self.executor.component.layout().hash(),
@@ -180,7 +179,7 @@ impl<'a> Process<'a> {
         Ok(hello)
     }
 
-    /// Waits to be told where in the flight to begin, and from what state.
+    /// Waits for the hand-over: where in the flight to begin, and from what state.
     ///
     /// # Errors
     /// Nothing came, or the state does not fit this build.
@@ -194,7 +193,7 @@ impl<'a> Process<'a> {
                     outcome = Some(begin(&mut self.executor, bytes));
                 }
             }) {}
-            // Told to stop meanwhile, it has nothing to take over: `run` ends before its first step.
+            // If a stop was requested meanwhile, it has nothing to take over: `run` ends before its first step.
             if self.stop_requested().is_some() {
                 return Ok(());
             }
@@ -238,7 +237,7 @@ impl<'a> Process<'a> {
             if !takes_turns {
                 self.announce(self.executor.mark_ns(), u64::MAX);
             }
-            // Without a launcher no process is left that could say so, and none that listens.
+            // Without a launcher no process is left that could permit it, and none that reads on.
             while self.stop_requested().is_none()
                 && !self.read_clock().may_leave.is_set()
                 && !self.stop.launcher_gone()
@@ -249,7 +248,8 @@ impl<'a> Process<'a> {
         ending
     }
 
-    /// Publishes the totals of the flight, once. One that a script has stopped all the time has nothing to tell.
+    /// Publishes the totals of the flight, once. A process that a script has stopped all the time
+    /// has nothing to report.
     fn finish(&mut self, takes_turns: bool) {
         let is_first = !core::mem::replace(&mut self.has_finished, true);
         if is_first && (!takes_turns || self.executor.steps() > 0) {
@@ -266,7 +266,7 @@ impl<'a> Process<'a> {
     fn serve_and_send(&mut self, mark_ns: u64) {
         let served_mono_ns = mono_now_ns();
         self.executor.serve_late_joiners();
-        self.told_ns = Some(mark_ns);
+        self.published_ns = Some(mark_ns);
         self.progress.send(&Progress {
             mark_ns,
             quiet_until_ns: self.quiet_until_ns.max(mark_ns),
@@ -285,10 +285,10 @@ impl<'a> Process<'a> {
         }
     }
 
-    /// Lets readers that have just joined have what was published before, and repeats the mark: what was said before
-    /// their ports were open they do not believe.
+    /// Gives readers that have just joined what was published before, and repeats the mark: they do
+    /// not trust one from before their ports were open.
     fn serve_again(&mut self) {
-        match self.told_ns {
+        match self.published_ns {
             Some(mark_ns) => self.serve_and_send(mark_ns),
             None => self.executor.serve_late_joiners(),
         }
@@ -305,7 +305,7 @@ impl<'a> Process<'a> {
     }
 }
 
-/// Begins where a hand-over says.
+/// Begins where a hand-over states.
 fn begin(executor: &mut Executor, bytes: &[u8]) -> Result<(), RestoreError> {
     let expected = Handover::PACKED_SIZE;
     if bytes.len() < expected {

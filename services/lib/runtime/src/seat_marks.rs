@@ -1,18 +1,18 @@
-//! How far every seat has got, and whose word counts, as one process knows it.
+//! How far every seat has got, and which seats count, as one process knows it.
 
 use crate::graph::{Edge, Node, ROLES};
 use crate::ownership::{MarkView, SlotBook};
 use crate::state_header::StateHeader;
 use shared_types::{Handover, Progress, RegistryEntry, Role, SEATS, Seat};
 
-/// How far every seat has got, and whose word counts, as one process knows it.
+/// How far every seat has got, and which seats count, as one process knows it.
 #[derive(Debug, Clone)]
 pub struct SeatMarks {
     marks: [[u64; SEATS]; ROLES],
     /// Nothing that another loop waits for comes for a release before these, at or after the marks.
     quiet_until_ns: [[u64; SEATS]; ROLES],
     generations: [[Option<u32>; SEATS]; ROLES],
-    /// By [`Seat::number`]: by the registry, the process has left, whose generation is the one that is known.
+    /// By [`Seat::number`]: the process of the known generation has left, according to the registry.
     has_left: [bool; Seat::COUNT],
     /// By [`Seat::number`]: see [`Progress::served_mono_ns`] \[ns\].
     served_mono_ns: [u64; Seat::COUNT],
@@ -65,10 +65,10 @@ impl SeatMarks {
         self.advance_quietly(role, seat, generation, (mark_ns, mark_ns));
     }
 
-    /// The same of a process that has said until when it is quiet: mark and that instant \[ns\].
-    fn advance_quietly(&mut self, role: Role, seat: u32, generation: u32, said_ns: (u64, u64)) {
+    /// The same for a process that has reported until when it is quiet: mark and that instant \[ns\].
+    fn advance_quietly(&mut self, role: Role, seat: u32, generation: u32, reported_ns: (u64, u64)) {
         let Some(one) = self.seat(role, seat) else { return };
-        let (mark_ns, quiet_until_ns) = (said_ns.0, said_ns.1.max(said_ns.0));
+        let (mark_ns, quiet_until_ns) = (reported_ns.0, reported_ns.1.max(reported_ns.0));
         match *one.generation {
             Some(known) if known > generation => {}
             Some(known) if known == generation => {
@@ -82,18 +82,19 @@ impl SeatMarks {
         }
     }
 
-    /// Takes in what a process has said of how far it has got. What it said before the reader's ports were open, at
-    /// `opened_mono_ns` of `CLOCK_MONOTONIC`, may promise samples that have not come; returns false then.
+    /// Takes in the progress that a process has reported. A report from before the reader's ports
+    /// were open, at `opened_mono_ns` of `CLOCK_MONOTONIC`, may promise samples that have not come;
+    /// returns false then.
     pub fn hear(&mut self, seat: Seat, progress: &Progress, opened_mono_ns: u64) -> bool {
         let Progress { mark_ns, quiet_until_ns, served_mono_ns, generation, .. } = *progress;
         let is_believed = served_mono_ns == 0 || served_mono_ns >= opened_mono_ns;
         if is_believed {
-            let said_ns = (mark_ns, quiet_until_ns);
-            self.advance_quietly(seat.role, seat.index, generation, said_ns);
+            let reported_ns = (mark_ns, quiet_until_ns);
+            self.advance_quietly(seat.role, seat.index, generation, reported_ns);
             if let Some(number) =
                 seat.number().filter(|_| self.generation(seat) == Some(generation))
             {
-                // One that does not tell is not waited for.
+                // A writer that does not report this is not waited for.
                 self.served_mono_ns[number] =
                     if served_mono_ns == 0 { u64::MAX } else { served_mono_ns };
             }
@@ -116,8 +117,8 @@ impl SeatMarks {
         *seats.get(usize::try_from(index).ok()?)?
     }
 
-    /// A hand-over, with the `state` that follows it, to which it is added whom the process hears: of each seat the
-    /// process that is there when it begins, or the next.
+    /// Adds to a hand-over, which `state` follows, the writers that the process reads: of each seat
+    /// the process that is there when it begins, or the next.
     #[must_use]
     pub fn name_writers(&self, order: Handover, state: &[u8]) -> Handover {
         let head = StateHeader::of(state);
@@ -250,17 +251,17 @@ mod tests {
     #[test]
     fn a_mark_from_before_the_readers_ports_were_open_counts_once_it_is_repeated() {
         let mut marks = marks([0; SEATS], &[record(1, 0, 0, NO_SEAT)]);
-        let said = |served_mono_ns, mark_ms: u64| Progress {
+        let progress = |served_mono_ns, mark_ms: u64| Progress {
             mark_ns: mark_ms * MS,
             served_mono_ns,
             ..Progress::default()
         };
         let owner = Seat::first(Role::Attitude);
-        assert!(!marks.hear(owner, &said(999, 90), 1000));
+        assert!(!marks.hear(owner, &progress(999, 90), 1000));
         assert_eq!(of(&marks, 1), 0);
-        assert!(marks.hear(owner, &said(1000, 90), 1000));
+        assert!(marks.hear(owner, &progress(1000, 90), 1000));
         assert_eq!(of(&marks, 1), 90);
-        assert!(marks.hear(owner, &said(0, 100), 1000), "a writer that does not tell");
+        assert!(marks.hear(owner, &progress(0, 100), 1000), "a writer that does not tell");
         assert_eq!(of(&marks, 1), 100);
     }
 
@@ -268,7 +269,7 @@ mod tests {
     fn a_quiet_process_is_waited_for_by_its_quiet_and_judged_by_its_mark() {
         let mut marks = SeatMarks::default();
         let seat = Seat::first(Role::Monitor);
-        let mut say = |generation, mark_ms: u64, quiet_until_ms: u64| {
+        let mut report = |generation, mark_ms: u64, quiet_until_ms: u64| {
             let (mark_ns, quiet_until_ns) = (mark_ms * MS, quiet_until_ms * MS);
             marks.hear(
                 seat,
@@ -287,31 +288,31 @@ mod tests {
                 [marks.of(&edge), marks.of_seat(seat, generation), marks.woken_from_ns(&node)];
             all.map(|ns| ns / MS)
         };
-        assert_eq!(say(0, 20, 0), [20, 20, 20], "a writer that does not tell");
-        assert_eq!(say(0, 20, 100), [100, 20, 60]);
-        assert_eq!(say(0, 20, 90), [100, 20, 60], "what it has said holds");
-        assert_eq!(say(0, 70, 100), [100, 70, 90]);
+        assert_eq!(report(0, 20, 0), [20, 20, 20], "a writer that does not tell");
+        assert_eq!(report(0, 20, 100), [100, 20, 60]);
+        assert_eq!(report(0, 20, 90), [100, 20, 60], "what it has said holds");
+        assert_eq!(report(0, 70, 100), [100, 70, 90]);
         // No release lies between the middle and the end.
-        assert_eq!(say(0, 90, 100), [100, 90, 90]);
-        assert_eq!(say(1, 50, 0), [50, 50, 50], "its successor begins anew");
+        assert_eq!(report(0, 90, 100), [100, 90, 90]);
+        assert_eq!(report(1, 50, 0), [50, 50, 50], "its successor begins anew");
     }
 
     #[test]
     fn a_process_has_served_who_had_its_ports_open_when_it_looked_after_its_readers() {
         let mut marks = SeatMarks::default();
         let owner = Seat::first(Role::Attitude);
-        let said = |served_mono_ns, generation| Progress {
+        let progress = |served_mono_ns, generation| Progress {
             served_mono_ns,
             generation,
             ..Progress::default()
         };
-        marks.hear(owner, &said(1000, 0), 0);
+        marks.hear(owner, &progress(1000, 0), 0);
         assert!(marks.has_served(owner, 0, 1000) && !marks.has_served(owner, 0, 1001));
         assert!(!marks.has_served(owner, 1, 1000), "its successor has not");
-        marks.hear(owner, &said(1200, 1), 0);
-        marks.hear(owner, &said(1100, 0), 0);
+        marks.hear(owner, &progress(1200, 1), 0);
+        marks.hear(owner, &progress(1100, 0), 0);
         assert!(marks.has_served(owner, 1, 1200));
-        marks.hear(owner, &said(0, 2), 0);
+        marks.hear(owner, &progress(0, 2), 0);
         assert!(marks.has_served(owner, 2, u64::MAX), "a writer that does not tell");
     }
 

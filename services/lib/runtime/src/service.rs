@@ -41,9 +41,9 @@ pub trait Service {
     /// A service that fills no slot has nothing to track.
     fn track(&mut self, _now_ns: u64, _inputs: &Self::Inputs) {}
 
-    /// Forgets what the memory says of the step before: `_left_out` releases since then, more than one, have been left
-    /// out, so that the change since then says nothing of a period. The runtime calls it before the next step, also after
-    /// a restore from an old state.
+    /// Forgets what the memory holds of the step before: `_left_out` releases since then, more than one, have been left
+    /// out, so that the change since then is not that of one period. The runtime calls it before
+    /// the next step, also after a restore from an old state.
     fn skip(&mut self, _left_out: u64) {}
 
     /// True while the slot applies what no controller commands, because its consumer brings the vehicle
@@ -52,7 +52,7 @@ pub trait Service {
         false
     }
 
-    /// Instant before which no step from `from_ns` on publishes anything, `from_ns` if that cannot be said. All owner
+    /// Instant before which no step from `from_ns` on publishes anything, `from_ns` if that is not known. All owner
     /// records that take effect before `known_ns` have arrived. Loops that wait for this one may run so far ahead of it,
     /// and need not wake it meanwhile.
     fn quiet_until_ns(&self, from_ns: u64, _known_ns: u64, _inputs: &Self::Inputs) -> u64 {
@@ -137,7 +137,7 @@ impl Layout {
         }
     }
 
-    /// Tells the published states of different services, and of different builds, apart.
+    /// Distinguishes the published states of different services, and of different builds.
     #[must_use]
     pub fn hash(&self) -> u64 {
         let hash = hash_bytes(self.latches_hash, &self.memory.layout_hash.to_le_bytes());
@@ -145,7 +145,7 @@ impl Layout {
         hash_bytes(hash, &(self.outputs.len() as u64).to_le_bytes())
     }
 
-    /// Tells ports apart, whatever is remembered: services of one slot may have the same.
+    /// Distinguishes ports, whatever is remembered: services of one slot may have the same.
     #[must_use]
     pub fn ports_hash(&self) -> u64 {
         hash_bytes(self.latches_hash, &(self.outputs.len() as u64).to_le_bytes())

@@ -28,7 +28,7 @@ shared_types::memory! {
         pub state_sequence: u64,
         /// Sequence of the last loop statistics.
         pub stats_sequence: u64,
-        /// Sequence of the last deviation that this life of the process has told.
+        /// Sequence of the last deviation that this life of the process has published.
         pub deviation_sequence: u64,
     }
 }
@@ -46,7 +46,7 @@ impl StateHeader {
         Self::of(state).is_some_and(|head| head.layout_hash == layout_hash)
     }
 
-    /// True if a published state says the same of its place in the flight as the header that it was sent with.
+    /// True if a published state has the same place in the flight as the header that it was sent with.
     #[must_use]
     pub fn agrees_with(state: &[u8], header: &Header) -> bool {
         Self::of(state).is_some_and(|head| {

@@ -24,7 +24,7 @@ pub fn wall() -> WallMap {
 /// What there is around a loop at its turn.
 #[derive(Debug, Clone, Copy)]
 pub struct Around<'a, M> {
-    /// Whom it waits for.
+    /// What it waits for.
     pub graph: &'a Graph,
     /// How far these have got.
     pub marks: &'a M,
@@ -127,7 +127,7 @@ fn publish(executor: &mut Executor, computed: Computed, at_ns: u64) -> Answer {
     announced(executor, computed.release_ns(), at_ns)
 }
 
-/// It looks again at once, after the others have been told how far it has got.
+/// It looks again at once, after the others have been informed how far it has got.
 fn announced(executor: &Executor, from_ns: u64, at_ns: u64) -> Answer {
     let next = Some((TurnKind::Look, at_ns));
     Answer { next, announced_from_ns: Some(from_ns), mark_ns: executor.mark_ns() }

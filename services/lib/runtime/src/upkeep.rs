@@ -6,7 +6,7 @@ use rustix::io::pread;
 use std::os::fd::OwnedFd;
 use std::sync::OnceLock;
 
-/// Runs a closure and tells how often it allocated, in an executable whose allocator counts.
+/// Runs a closure and returns how often it allocated, in an executable whose allocator counts.
 pub type AllocationCounter = fn(&mut dyn FnMut()) -> u64;
 
 static COUNTER: OnceLock<AllocationCounter> = OnceLock::new();
@@ -124,7 +124,8 @@ impl Upkeep {
         let new = self.seen.since(self.looked);
         self.looked = self.seen;
         if was_warm {
-            // A process that comes opens ports before any other is told, and one that has gone is missed afterwards.
+            // A process that comes opens ports before any other is notified, and one that has gone
+            // is missed afterwards.
             let held = core::mem::replace(&mut self.held, new);
             let changed = self.changed != [false; 3];
             if changed { &mut self.at_changes } else { &mut self.steady }.add(held);
@@ -133,7 +134,7 @@ impl Upkeep {
     }
 }
 
-/// Runs a stretch of a loop and tells what it allocated.
+/// Runs a stretch of a loop and returns what it allocated.
 pub(crate) fn count_stretch(run: &mut dyn FnMut()) -> Allocations {
     let before = IN_TRANSPORT.get();
     let all = count_allocations(run);
@@ -147,7 +148,7 @@ pub(crate) fn in_transport(call: &mut dyn FnMut()) {
     IN_TRANSPORT.set(IN_TRANSPORT.get() + count);
 }
 
-/// Runs something and tells how often it allocated; 0 if nothing counts.
+/// Runs something and returns how often it allocated; 0 if nothing counts.
 fn count_allocations(run: &mut dyn FnMut()) -> u64 {
     if let Some(count) = COUNTER.get() {
         return count(run);
@@ -164,11 +165,11 @@ fn read_faults(stat: &OwnedFd) -> Option<(u64, u64)> {
 
 /// Minor and major faults of a line of `/proc/PID/stat`.
 fn parse_faults(stat: &str) -> Option<(u64, u64)> {
-    // The name before it may hold anything; the word after it is the third.
+    // The name before it may hold anything; the field after it is the third.
     let (_, rest) = stat.rsplit_once(')')?;
-    let mut words = rest.split_ascii_whitespace().skip(10 - 3);
-    let minor = words.next()?.parse().ok()?;
-    let major = words.nth(1)?.parse().ok()?;
+    let mut fields = rest.split_ascii_whitespace().skip(10 - 3);
+    let minor = fields.next()?.parse().ok()?;
+    let major = fields.nth(1)?.parse().ok()?;
     Some((minor, major))
 }
 

@@ -1,4 +1,4 @@
-//! Whom to wake in lockstep: only who is not sure to be woken again for the same releases.
+//! Which loops to wake in lockstep: only those that are not sure to be woken again for the same releases.
 //!
 //! The attitude loop waits for plant and estimator, but the estimator's mark cannot pass an instant
 //! before the plant's has. Waking the attitude loop for the plant's mark would only show it that

@@ -41,7 +41,7 @@ impl Watched {
     fn open(pid: u32) -> Option<Self> {
         let raw = i32::try_from(pid).ok().and_then(Pid::from_raw)?;
         let pidfd = pidfd_open(raw, PidfdFlags::empty()).ok()?;
-        // Read after the process has been caught: a number that was used again is told from it.
+        // Read after the process has been caught: a process id that was reused is recognised by it.
         Some(Self { leader: Leader { pid, started: process_start(pid)? }, pidfd })
     }
 }
@@ -89,8 +89,9 @@ impl StopFlags {
         Ok(flags)
     }
 
-    /// Watches the launcher of the run in `folder` from a thread of its own and tells what happens to
-    /// it. `tell` answers to its death for how long another may take over \[s\]: if none has, the flight must end.
+    /// Watches the launcher of the run in `folder` from a thread of its own and passes what happens
+    /// to it to `notify`. On its death `notify` returns for how long another may take over \[s\]:
+    /// if none has, the flight must end.
     ///
     /// # Errors
     /// The process is already gone, or cannot be watched.
@@ -98,12 +99,12 @@ impl StopFlags {
         &self,
         folder: &Path,
         pid: u32,
-        tell: impl FnMut(LauncherNews) -> f64 + Send + 'static,
+        notify: impl FnMut(LauncherNews) -> f64 + Send + 'static,
     ) -> io::Result<()> {
         let flags = self.clone();
         let launcher = Watched::open(pid).ok_or(io::ErrorKind::NotFound)?;
         let folder = folder.to_path_buf();
-        let watch = move || flags.follow(&folder, launcher, tell);
+        let watch = move || flags.follow(&folder, launcher, notify);
         thread::Builder::new().name("watch".to_owned()).spawn(watch)?;
         Ok(())
     }
@@ -112,20 +113,20 @@ impl StopFlags {
         &self,
         folder: &Path,
         mut launcher: Watched,
-        mut tell: impl FnMut(LauncherNews) -> f64,
+        mut notify: impl FnMut(LauncherNews) -> f64,
     ) {
         loop {
             while !readable(&launcher.pidfd, None) {}
             self.launcher_gone.store(true, Ordering::Release);
-            let limit_s = tell(LauncherNews::Died).clamp(0.0, 1e6);
+            let limit_s = notify(LauncherNews::Died).clamp(0.0, 1e6);
             let Some(successor) = await_successor(folder, launcher.leader, limit_s) else {
                 self.grace_over.store(true, Ordering::Release);
-                tell(LauncherNews::Abandoned);
+                notify(LauncherNews::Abandoned);
                 return;
             };
             launcher = successor;
             self.launcher_gone.store(false, Ordering::Release);
-            tell(LauncherNews::Succeeded { pid: launcher.leader.pid });
+            notify(LauncherNews::Succeeded { pid: launcher.leader.pid });
         }
     }
 
@@ -158,14 +159,14 @@ impl StopFlags {
         self.signalled.store(true, Ordering::Release);
     }
 
-    /// Clears a signal that has been handled, so that a second one can be told from it.
+    /// Clears a signal that has been handled, so that a second one can be distinguished from it.
     #[must_use]
     pub fn take_signal(&self) -> bool {
         self.signalled.swap(false, Ordering::AcqRel)
     }
 }
 
-/// True if this process was told to ignore a signal when it was started.
+/// True if this process ignored a signal already when it was started.
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
@@ -205,18 +206,18 @@ mod tests {
     fn a_launcher_succeeded_in_time_is_no_loss_and_one_that_is_not_ends_the_flight() {
         let folder = std::env::temp_dir().join(format!("watch-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
-        let heard = Arc::new(Mutex::new(Vec::new()));
+        let received = Arc::new(Mutex::new(Vec::new()));
         let (first, second) = (idler(), idler());
         let flags = StopFlags::default();
-        let tell = |limit_s| {
-            let heard = Arc::clone(&heard);
+        let notify = |limit_s| {
+            let received = Arc::clone(&received);
             move |news| {
-                heard.lock().unwrap().push(news);
+                received.lock().unwrap().push(news);
                 limit_s
             }
         };
         // However late this thread names the successor, it is in time.
-        flags.watch_launcher(&folder, first.id(), tell(600.0)).unwrap();
+        flags.watch_launcher(&folder, first.id(), notify(600.0)).unwrap();
         assert!(!flags.launcher_gone());
         reap(first);
         await_that(|| flags.launcher_gone());
@@ -226,19 +227,19 @@ mod tests {
         await_that(|| !flags.launcher_gone());
         assert!(!flags.stop(), "it was in time");
         let expected = [LauncherNews::Died, LauncherNews::Succeeded { pid }];
-        assert_eq!(*heard.lock().unwrap(), expected);
+        assert_eq!(*received.lock().unwrap(), expected);
         let flags = StopFlags::default();
-        heard.lock().unwrap().clear();
-        flags.watch_launcher(&folder, pid, tell(0.1)).unwrap();
+        received.lock().unwrap().clear();
+        flags.watch_launcher(&folder, pid, notify(0.1)).unwrap();
         reap(second);
         await_that(|| flags.grace_over());
         assert!(flags.launcher_gone() && flags.stop(), "the dead one in the file is no successor");
         // Both watches have seen it die, and one of them waits for longer.
-        await_that(|| heard.lock().unwrap().len() == 3);
-        let mut heard = heard.lock().unwrap();
-        heard.sort_by_key(|news| *news == LauncherNews::Abandoned);
+        await_that(|| received.lock().unwrap().len() == 3);
+        let mut received = received.lock().unwrap();
+        received.sort_by_key(|news| *news == LauncherNews::Abandoned);
         let expected = [LauncherNews::Died, LauncherNews::Died, LauncherNews::Abandoned];
-        assert_eq!(*heard, expected);
+        assert_eq!(*received, expected);
         fs::remove_dir_all(&folder).unwrap();
     }
 

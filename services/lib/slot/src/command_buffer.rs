@@ -1,4 +1,4 @@
-//! The commands that a consumer holds: what each writer said last, and which of it counts now.
+//! The commands that a consumer holds: the last one of each writer, and which of them counts now.
 //!
 //! A command is judged once, at its own effective instant. Until the new owner's first command the
 //! old owner's last one stays in effect, as far as it is valid; the fallback has its newest command
@@ -39,12 +39,12 @@ pub struct Choice {
     pub command: Command,
     /// Owner or fallback.
     pub source: Source,
-    /// Who wrote it. Around a flip that can be the owner before.
+    /// Its writer. Around a flip that can be the owner before.
     pub seat: Seat,
 }
 
 shared_types::memory! {
-    /// A command and who gave it; one that is never valid for none.
+    /// A command and the seat that gave it; one that is never valid for none.
     #[derive(PartialEq)]
     struct Given {
         command: Command,
@@ -100,8 +100,8 @@ impl CommandBuffer {
         }
     }
 
-    /// Keeps what was in effect until the new owner speaks; call it when [`Consumer::advance`] says
-    /// that a record came into effect.
+    /// Keeps what was in effect until the new owner publishes; call it when [`Consumer::advance`]
+    /// returns that a record came into effect.
     pub fn turn(&mut self, turn: &Turn) {
         self.carried = self.last;
         for (held, seat) in self.held.iter_mut().zip(Seat::ALL) {
@@ -127,8 +127,8 @@ impl CommandBuffer {
         authority
     }
 
-    /// Keeps a command in effect until the owner speaks, whichever seat gave it: for a consumer that joins, to
-    /// which an owner whose words it came too late for is not silent.
+    /// Keeps a command in effect until the owner publishes, whichever seat gave it: a consumer that
+    /// joins has missed earlier commands of the owner and must not take it for silent.
     pub fn carry(&mut self, seat: Seat, command: &Command) {
         self.carried = Given::new((seat, *command));
     }
@@ -138,7 +138,7 @@ impl CommandBuffer {
         let record = consumer.record()?;
         let of = |seat: Seat| Some((seat, self.held[seat.index()].valid(now_ns)?));
         let (held, carried) = (of(record.owner), self.carried.valid(now_ns));
-        // What the new owner said while it was not asked, as the fallback, counts only once nothing else does.
+        // What the new owner published while it was still the fallback counts only once nothing else does.
         let is_from_before = held.is_some_and(|(_, held)| held.effective_ns < record.effective_ns);
         let is_anothers = carried.is_some_and(|(seat, _)| seat != record.owner);
         let owner = if is_from_before && is_anothers { carried } else { held.or(carried) };
@@ -153,14 +153,14 @@ impl CommandBuffer {
         given.map(|(seat, command)| Choice { command, source, seat })
     }
 
-    /// Says that nothing is in effect: what was is not carried over to another owner.
+    /// Notes that nothing is in effect: what was is not carried over to another owner.
     pub fn clear(&mut self) {
         self.last = Given::default();
     }
 
     /// What `seat` commands at `now_ns`, whether it counts or not.
     #[must_use]
-    pub fn said_by(&self, seat: Seat, now_ns: u64) -> Option<Command> {
+    pub fn command_of(&self, seat: Seat, now_ns: u64) -> Option<Command> {
         self.held[seat.index()].valid(now_ns)
     }
 

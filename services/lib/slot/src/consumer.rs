@@ -32,13 +32,13 @@ pub enum Taken {
     Accepted,
     /// It is no newer than what is known: a repetition, ignored.
     Known,
-    /// Its instant is past and it would have changed who commands. The supervisor must try again.
+    /// Its instant is past and it would have changed the commanding seat. The supervisor must try again.
     Late,
     /// Too many records wait for their instants. The supervisor must try again.
     Full,
 }
 
-/// Whose command counts.
+/// The seat whose command counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Source {
     /// The owner's.
@@ -153,7 +153,7 @@ impl Consumer {
             return self.refuse(record, Taken::Late);
         }
         let record = Record { effective_ns: record.effective_ns.max(self.open_ns), ..*record };
-        // The newest word on an instant counts: records for it or for a later one are void.
+        // The newest record on an instant counts: records for it or for a later one are void.
         for place in &mut self.pending {
             *place = place.filter(|older| older.effective_ns < record.effective_ns);
         }
@@ -201,9 +201,9 @@ impl Consumer {
         Some(Turn { record, from, kind_changed })
     }
 
-    /// Takes the monitor's word, in effect at `at_ns`, that the owner on `seat` by the record of `epoch`
+    /// Takes the monitor's trip, in effect at `at_ns`, that the owner on `seat` by the record of `epoch`
     /// is not to be followed any more. A record that has left owner and fallback in place since does not
-    /// outdate it; and the epoch may be one that this consumer has refused or not heard of yet, while the owner is the
+    /// outdate it; and the epoch may be one that this consumer has refused or not received yet, while the owner is the
     /// same.
     ///
     /// One that came late counts from the next decision on, like a late command: what has been decided
@@ -244,7 +244,7 @@ impl Consumer {
         }
     }
 
-    /// Whose command counts at `now_ns`, given who has a usable one. Moves to the fallback, until the
+    /// Decides which command counts at `now_ns`, given which seats have a usable one. Moves to the fallback, until the
     /// next epoch, if only it has one; and until a record names another owner or fallback, if it has one
     /// and the owner has tripped. An owner that has tripped is not followed for [`REJECTED_AFTER_TRIP_NS`] even if
     /// there is no fallback.
@@ -268,7 +268,7 @@ impl Consumer {
         Source::Fallback
     }
 
-    /// Says that every instant before `now_ns` has been decided, also those at which no decision was asked
+    /// Declares that every instant before `now_ns` has been decided, also those at which no decision was asked
     /// for: what was decided last was in effect until then.
     pub fn close_before(&mut self, now_ns: u64) {
         self.open_ns = self.open_ns.max(now_ns);

@@ -1,4 +1,4 @@
-//! Who commands a slot, and how command changes hands in flight: pure code, without clock, transport
+//! Which process commands a slot, and how command changes hands in flight: pure code, without clock, transport
 //! or file, the same for the processes that fly and for the supervisor.
 //!
 //! A *slot* (position, attitude) has [`SEATS`] seats; one of them owns it. The supervisor writes

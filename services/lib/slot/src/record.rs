@@ -4,7 +4,7 @@ use shared_types::{Flag, Header, NO_SEAT, OwnerRecord, Role};
 
 pub use shared_types::SEATS;
 
-/// A seat of a slot. The transport lets only its holder speak for a seat, so it also tells which process
+/// A seat of a slot. The transport lets only its holder publish for a seat, so it also identifies which process
 /// wrote a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Seat(u8);
@@ -44,7 +44,7 @@ impl core::fmt::Display for Seat {
     }
 }
 
-/// Who may command a slot from an instant on. Epochs only grow; only the supervisor writes.
+/// Which seats may command a slot from an instant on. Epochs only grow; only the supervisor writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Record {
     /// Counted from 1.
@@ -63,7 +63,7 @@ pub struct Record {
     pub watched: bool,
 }
 
-/// What a record says about a writer.
+/// What a record means for a writer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Authority {
     /// Its commands count.
@@ -109,7 +109,7 @@ impl Record {
 }
 
 impl Record {
-    /// As a sample says; `None` if it names an owner's seat that no slot has.
+    /// The record that a sample carries; `None` if it names an owner's seat that no slot has.
     #[must_use]
     pub fn read(sample: &OwnerRecord) -> Option<Self> {
         Some(Self {

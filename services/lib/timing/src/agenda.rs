@@ -1,7 +1,7 @@
-//! Whose turn is next.
+//! Decides which loop has its turn next.
 
-/// Why a loop has its turn. At one instant first those publish whose step is over, and last those step whose wait is over:
-/// what is published at the end of a wait is in time.
+/// Why a loop has its turn. At one instant, loops whose step is over publish first, and loops whose
+/// wait is over step last: what is published at the end of a wait is in time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TurnKind {
     /// Its step is over.
@@ -30,7 +30,7 @@ pub struct Turn {
 pub struct Answer {
     /// Its next turn, and when \[ns\]; none if it has had its last.
     pub next: Option<(TurnKind, u64)>,
-    /// Until then the others knew that it had got, if it has told them that it has got further \[ns\].
+    /// How far the others knew that it had got, if it has announced that it has got further \[ns\].
     pub announced_from_ns: Option<u64>,
     /// How far it has got \[ns\].
     pub mark_ns: u64,

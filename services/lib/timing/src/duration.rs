@@ -3,8 +3,8 @@
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// Most values that are told one by one.
-const TOLD: usize = 4;
+/// Most values that are listed one by one.
+const LISTED: usize = 4;
 
 /// How long something takes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -18,7 +18,8 @@ pub enum Duration {
 }
 
 impl Duration {
-    /// One of several times \[ns\], drawn as often as their weights say; those without a weight are never drawn.
+    /// One of several times \[ns\], drawn with frequencies given by their weights; those without a
+    /// weight are never drawn.
     #[must_use]
     pub fn weighted(values: &[(u64, f64)]) -> Self {
         let whole: f64 = values.iter().map(|(_, weight)| weight).sum();
@@ -59,7 +60,7 @@ impl fmt::Display for Duration {
         match self {
             Self::Fixed(value_ns) => write!(f, "{} ms", ms(value_ns)),
             Self::Uniform(least_ns, most_ns) => write!(f, "{} to {} ms", ms(least_ns), ms(most_ns)),
-            Self::Values(values) if values.len() > TOLD => {
+            Self::Values(values) if values.len() > LISTED => {
                 let half = values.iter().find(|(_, share)| *share >= 0.5);
                 let ends = [values.first(), half, values.last()];
                 let [least, half, most] =

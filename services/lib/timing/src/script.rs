@@ -50,7 +50,7 @@ pub struct RecordedStep {
     pub step_ns: u64,
 }
 
-/// A loop, by whom it is flown.
+/// A loop and the service that fills it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Who<'a> {
     /// Its role.
@@ -184,37 +184,37 @@ impl Script {
         self
     }
 
-    /// What it says about loops.
+    /// Its entries about loops.
     #[must_use]
     pub fn loops(&self) -> &[LoopEntry] {
         &self.loops
     }
 
-    /// What it says about topics.
+    /// Its entries about topics.
     #[must_use]
     pub fn samples(&self) -> &[SampleEntry] {
         &self.samples
     }
 
-    /// What it says, a sentence for each entry, with when it holds, in the order of its beginning.
+    /// A sentence for each entry, with the window in which it holds, ordered by its beginning.
     #[must_use]
     pub fn told(&self) -> Vec<(Window, String)> {
         let loops = self.loops.iter().map(|entry| (entry.window, entry.to_string()));
         let samples = self.samples.iter().map(|entry| (entry.window, entry.to_string()));
-        let mut told: Vec<_> = loops.chain(samples).collect();
-        told.sort_by_key(|(window, _)| window.from_ns);
-        told
+        let mut entries: Vec<_> = loops.chain(samples).collect();
+        entries.sort_by_key(|(window, _)| window.from_ns);
+        entries
     }
 
-    /// The same, to be told as each begins.
+    /// The same sentences, to be announced when each entry begins.
     #[must_use]
     pub fn to_tell(&self) -> ToTell {
-        let mut told = self.told();
-        told.reverse();
-        ToTell(told)
+        let mut entries = self.told();
+        entries.reverse();
+        ToTell(entries)
     }
 
-    /// When a loop whose next release is given begins that has reason to at `at_ns` \[ns\].
+    /// When a loop begins that has a reason to at `at_ns`, for its next release \[ns\].
     #[must_use]
     pub fn begins_ns(&self, who: Who<'_>, at_ns: u64, release_ns: u64) -> u64 {
         let late_ns = self.sum(who, at_ns, release_ns, |effect| match effect {
@@ -227,7 +227,7 @@ impl Script {
         self.goes_on_ns(who, recorded_ns.max().unwrap_or(0).max(at_ns))
     }
 
-    /// When the step for a release is over that begins at `start_ns` \[ns\].
+    /// When the step for a release that begins at `start_ns` is over \[ns\].
     #[must_use]
     pub fn ends_ns(&self, who: Who<'_>, start_ns: u64, release_ns: u64) -> u64 {
         let step_ns = self.sum(who, start_ns, release_ns, |effect| match effect {
@@ -249,7 +249,7 @@ impl Script {
         at_ns.saturating_add(left_ns)
     }
 
-    /// When a loop whose next release is given begins that is woken at `at_ns`; none if the wake-up is lost \[ns\].
+    /// When a loop begins that is woken at `at_ns`, for its next release; none if the wake-up is lost \[ns\].
     #[must_use]
     pub fn woken_ns(&self, who: Who<'_>, at_ns: u64, release_ns: u64) -> Option<u64> {
         (!self.misses_wake(who, at_ns)).then(|| self.begins_ns(who, at_ns, release_ns))
@@ -300,15 +300,15 @@ impl Script {
         to_come.map(|w| w.from_ns.max(at_ns)).min()
     }
 
-    /// What recorded steps of a loop tell.
+    /// What the recorded steps of a loop give.
     fn recorded<'a, T>(
         &'a self,
         who: Who<'_>,
-        tell: impl Fn(&'a BTreeMap<u64, RecordedStep>) -> Option<T>,
+        look_up: impl Fn(&'a BTreeMap<u64, RecordedStep>) -> Option<T>,
     ) -> impl Iterator<Item = T> {
         let entries = self.loops.iter().filter(move |entry| entry.is_about(who));
         entries.filter_map(move |entry| match &entry.effect {
-            LoopEffect::Recorded(steps) => tell(steps),
+            LoopEffect::Recorded(steps) => look_up(steps),
             _ => None,
         })
     }
@@ -347,7 +347,7 @@ impl Script {
     }
 }
 
-/// What of a script has not been told, the earliest last.
+/// Entries of a script that have not been announced yet, the earliest last.
 #[derive(Debug, Clone)]
 pub struct ToTell(Vec<(Window, String)>);
 

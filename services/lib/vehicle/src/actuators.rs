@@ -16,7 +16,7 @@ pub(crate) struct Morph {
 }
 
 impl VehicleParameters {
-    /// β `duration_s` \[s\] after the servo is told `command` at `beta`.
+    /// β `duration_s` \[s\] after the servo is commanded to `command` at `beta`.
     #[must_use]
     pub fn servo_angle_after(
         &self,

@@ -13,7 +13,7 @@ use crate::{
 /// Linear plant, exact zero-order hold at a fixed β.
 ///
 /// While β moves, a step holds the inertia of its middle. The body rate it shows is R₂⁻¹(γ) γ̇, so
-/// that an observer who applies (5) gets back the γ̇ that (6) integrates.
+/// that an observer that applies (5) gets back the γ̇ that (6) integrates.
 #[derive(Debug, Clone)]
 pub struct LinearModel {
     parameters: VehicleParameters,

@@ -8,8 +8,8 @@ fn asked(sequence: u64, thrust_n: f64) -> Asked {
     Asked { value: [0.1, -0.1, 3.0, thrust_n], sequence, valid_ns }
 }
 
-fn said(seat: u32, of: &Asked) -> Said {
-    Said {
+fn report(seat: u32, of: &Asked) -> Report {
+    Report {
         release_ns: of.valid_ns,
         seat,
         sequence: of.sequence,
@@ -32,40 +32,40 @@ fn reports() -> Reports {
     for sequence in 101..=110 {
         reports.ask(0, asked(sequence, 1.0));
         reports.ask(1, asked(sequence, 1.5));
-        assert_eq!(reports.hear(&said(0, &asked(sequence, 1.0))), None);
+        assert_eq!(reports.check(&report(0, &asked(sequence, 1.0))), None);
     }
     reports
 }
 
 #[test]
 fn a_report_of_another_value_than_the_set_point_it_names_is_false() {
-    let truth = said(0, &asked(110, 1.0));
+    let truth = report(0, &asked(110, 1.0));
     for axis in 0..4 {
         let mut value = truth.value;
         value[axis] += 1e-6;
-        let found = reports().hear(&Said { value, ..truth });
+        let found = reports().check(&Report { value, ..truth });
         assert_eq!(found, Some(TripCause::ReportFalse), "axis {axis}");
     }
     let turned = [0.1, -0.1, 3.0 - core::f64::consts::TAU, 1.0];
-    assert_eq!(reports().hear(&Said { value: turned, ..truth }), None, "the same heading");
-    let none = Said { sequence: 0, value: [0.0; 4], ..truth };
-    assert_eq!(reports().hear(&none), None, "no set point yet");
+    assert_eq!(reports().check(&Report { value: turned, ..truth }), None, "the same heading");
+    let none = Report { sequence: 0, value: [0.0; 4], ..truth };
+    assert_eq!(reports().check(&none), None, "no set point yet");
 }
 
 #[test]
 fn a_set_point_beyond_what_the_rotors_give_is_tracked_at_their_bound() {
     let mut reports = reports();
     reports.ask(0, asked(111, 9.0));
-    assert_eq!(reports.hear(&said(0, &asked(111, 4.0))), None);
+    assert_eq!(reports.check(&report(0, &asked(111, 4.0))), None);
 }
 
 #[test]
 fn a_report_that_stays_at_a_set_point_that_is_over_is_false() {
     let mut reports = reports();
-    let frozen = said(0, &asked(106, 1.0));
+    let frozen = report(0, &asked(106, 1.0));
     let found = (0..10).map(|step| {
         let release_ns = asked(108, 1.0).valid_ns + step * PERIOD_NS;
-        reports.hear(&Said { release_ns, ..frozen })
+        reports.check(&Report { release_ns, ..frozen })
     });
     // 107 has been there for two periods of the position loop and one of its own; then three in a row.
     let first = found.into_iter().position(|cause| cause == Some(TripCause::ReportFalse));
@@ -75,56 +75,56 @@ fn a_report_that_stays_at_a_set_point_that_is_over_is_false() {
 #[test]
 fn a_set_point_that_was_never_given_is_forgiven_twice_and_not_three_times() {
     let mut reports = reports();
-    let forged = Said { sequence: 1000, ..said(0, &asked(110, 1.0)) };
-    assert_eq!([reports.hear(&forged), reports.hear(&forged)], [None; 2]);
-    assert_eq!(reports.hear(&said(0, &asked(110, 1.0))), None);
-    assert_eq!([reports.hear(&forged), reports.hear(&forged)], [None; 2]);
-    assert_eq!(reports.hear(&forged), Some(TripCause::ReportFalse));
+    let forged = Report { sequence: 1000, ..report(0, &asked(110, 1.0)) };
+    assert_eq!([reports.check(&forged), reports.check(&forged)], [None; 2]);
+    assert_eq!(reports.check(&report(0, &asked(110, 1.0))), None);
+    assert_eq!([reports.check(&forged), reports.check(&forged)], [None; 2]);
+    assert_eq!(reports.check(&forged), Some(TripCause::ReportFalse));
 }
 
 #[test]
 fn after_a_change_of_hands_a_report_may_lie_between_the_set_points_for_a_while() {
     let change_ns = asked(110, 1.0).valid_ns;
-    let between = Said { value: [0.1, -0.1, 3.0, 1.2], ..said(1, &asked(110, 1.5)) };
-    assert_eq!(reports().hear(&between), Some(TripCause::ReportFalse));
+    let between = Report { value: [0.1, -0.1, 3.0, 1.2], ..report(1, &asked(110, 1.5)) };
+    assert_eq!(reports().check(&between), Some(TripCause::ReportFalse));
     let mut changed = reports();
     assert!(changed.take_record(&record(2, [1, 0], change_ns)));
-    assert_eq!(changed.hear(&between), None);
-    let outside = Said { value: [0.0; 4], ..between };
-    assert_eq!(changed.hear(&outside), Some(TripCause::ReportFalse));
-    // The limiter's time, and two periods of the position loop and one of this before the new owner has spoken.
+    assert_eq!(changed.check(&between), None);
+    let outside = Report { value: [0.0; 4], ..between };
+    assert_eq!(changed.check(&outside), Some(TripCause::ReportFalse));
+    // The limiter's time, and two periods of the position loop and one of this before the new owner has published.
     let over_ns = LIMITED_FOR_NS + 2 * ASKS_EVERY_NS + PERIOD_NS;
-    let late = Said { release_ns: change_ns + over_ns, ..between };
-    assert_eq!(changed.hear(&late), Some(TripCause::ReportFalse));
+    let late = Report { release_ns: change_ns + over_ns, ..between };
+    assert_eq!(changed.check(&late), Some(TripCause::ReportFalse));
     let mut repeated = reports();
     assert!(repeated.take_record(&record(2, [1, 0], change_ns)));
     assert!(!repeated.take_record(&record(3, [1, 0], late.release_ns)), "it came too late");
-    assert_eq!(repeated.hear(&late), None);
+    assert_eq!(repeated.check(&late), None);
 }
 
 #[test]
 fn a_report_that_names_no_set_point_and_an_empty_seat_is_false() {
     let mut reports = reports();
-    let none = Said { sequence: 0, ..said(3, &asked(110, 1.0)) };
-    let heard = [none; 3].map(|said| reports.hear(&said));
-    assert_eq!(heard, [None, None, Some(TripCause::ReportFalse)]);
+    let none = Report { sequence: 0, ..report(3, &asked(110, 1.0)) };
+    let found = [none; 3].map(|report| reports.check(&report));
+    assert_eq!(found, [None, None, Some(TripCause::ReportFalse)]);
 }
 
 #[test]
 fn a_report_that_names_no_set_point_is_true_once_the_last_one_has_faded() {
     let mut reports = reports();
-    let hear = |reports: &mut Reports, periods: u64| {
+    let check = |reports: &mut Reports, periods: u64| {
         let release_ns = asked(110, 1.0).valid_ns + periods * PERIOD_NS;
-        reports.hear(&Said { sequence: 0, release_ns, ..said(0, &asked(110, 1.0)) })
+        reports.check(&Report { sequence: 0, release_ns, ..report(0, &asked(110, 1.0)) })
     };
-    let silent: Vec<_> = (8..30).map(|periods| hear(&mut reports, periods)).collect();
+    let silent: Vec<_> = (8..30).map(|periods| check(&mut reports, periods)).collect();
     assert_eq!(silent, [None; 22], "four periods of the position loop after the last one");
     // Those that come then are to be taken, the first within its two periods.
     let ignored = (30..45).map(|periods| {
         if periods % 2 == 0 {
             reports.ask(0, asked(110 + periods / 2, 1.0));
         }
-        hear(&mut reports, periods)
+        check(&mut reports, periods)
     });
     let first = ignored.into_iter().position(|cause| cause == Some(TripCause::ReportFalse));
     assert_eq!(first, Some(8));
@@ -133,33 +133,33 @@ fn a_report_that_names_no_set_point_is_true_once_the_last_one_has_faded() {
 #[test]
 fn a_trip_has_to_be_followed_within_two_periods_if_there_is_a_fallback() {
     let mut reports = reports();
-    let owner = said(0, &asked(110, 1.0));
+    let owner = report(0, &asked(110, 1.0));
     let trip_ns = owner.release_ns;
     reports.trip(0, trip_ns);
-    let at = |periods: u64| Said { release_ns: trip_ns + periods * PERIOD_NS, ..owner };
-    assert_eq!(reports.hear(&at(2)), None);
-    assert_eq!(reports.hear(&at(3)), Some(TripCause::TripIgnored));
-    let fast = Said { period_ns: 1_000_000, release_ns: trip_ns + FOLLOWED_WITHIN_NS, ..owner };
-    assert_eq!(reports.hear(&fast), None, "it may have been told late");
-    let level = |periods: u64| Said { sequence: 0, ..at(periods) };
-    assert_eq!(reports.hear(&level(3)), None);
+    let at = |periods: u64| Report { release_ns: trip_ns + periods * PERIOD_NS, ..owner };
+    assert_eq!(reports.check(&at(2)), None);
+    assert_eq!(reports.check(&at(3)), Some(TripCause::TripIgnored));
+    let fast = Report { period_ns: 1_000_000, release_ns: trip_ns + FOLLOWED_WITHIN_NS, ..owner };
+    assert_eq!(reports.check(&fast), None, "it may have been told late");
+    let level = |periods: u64| Report { sequence: 0, ..at(periods) };
+    assert_eq!(reports.check(&level(3)), None);
     let mut later = reports.clone();
     (111..=113).for_each(|sequence| later.ask(1, asked(sequence, 1.5)));
     let levels = 2 * ASKS_EVERY_NS / PERIOD_NS;
-    assert_eq!(later.hear(&level(levels + 2)), None);
-    assert_eq!(later.hear(&level(levels + 3)), Some(TripCause::TripIgnored));
-    let follows = Said { release_ns: at(3).release_ns, ..said(1, &asked(110, 1.5)) };
-    assert_eq!(reports.hear(&follows), None);
+    assert_eq!(later.check(&level(levels + 2)), None);
+    assert_eq!(later.check(&level(levels + 3)), Some(TripCause::TripIgnored));
+    let follows = Report { release_ns: at(3).release_ns, ..report(1, &asked(110, 1.5)) };
+    assert_eq!(reports.check(&follows), None);
     let mut over = reports.clone();
     assert!(over.take_record(&record(2, [1, 0], trip_ns)));
-    assert_eq!(over.hear(&at(3)), None, "of an owner that is none any more");
+    assert_eq!(over.check(&at(3)), None, "of an owner that is none any more");
     for (hands, why) in [([0, NO_SEAT], "no fallback"), ([0, 2], "one that says nothing")] {
         assert!(reports.take_record(&record(2, hands, 0)));
         reports.trip(0, trip_ns);
-        assert_eq!(reports.hear(&at(3)), None, "{why}");
-        let level = Said { sequence: 0, ..at(20) };
-        let heard = [level; 4].map(|said| reports.hear(&said));
-        assert_eq!(heard, [None; 4], "{why}: it is level");
+        assert_eq!(reports.check(&at(3)), None, "{why}");
+        let level = Report { sequence: 0, ..at(20) };
+        let found = [level; 4].map(|report| reports.check(&report));
+        assert_eq!(found, [None; 4], "{why}: it is level");
     }
 }
 
@@ -168,28 +168,28 @@ fn a_fallback_whose_last_word_was_over_before_the_trip_could_be_followed_is_none
     let mut reports = Reports::new(4.0);
     assert!(reports.take_record(&record(1, [0, 1], 0)));
     reports.ask(0, asked(110, 1.0));
-    let spoke_ns = asked(110, 1.0).valid_ns - 300_000_000;
-    reports.ask(1, Asked { valid_ns: spoke_ns, ..asked(110, 1.0) });
+    let published_ns = asked(110, 1.0).valid_ns - 300_000_000;
+    reports.ask(1, Asked { valid_ns: published_ns, ..asked(110, 1.0) });
     let trip_ns = asked(110, 1.0).valid_ns;
     reports.trip(0, trip_ns);
-    let owner = said(0, &asked(110, 1.0));
+    let owner = report(0, &asked(110, 1.0));
     // The owner's period is long, the fallback's is not.
-    let said = Said { asked_every_ns: [200_000_000, 10_000_000], ..owner };
-    assert_eq!(reports.hear(&Said { release_ns: trip_ns + 30_000_000, ..said }), None);
+    let report = Report { asked_every_ns: [200_000_000, 10_000_000], ..owner };
+    assert_eq!(reports.check(&Report { release_ns: trip_ns + 30_000_000, ..report }), None);
 }
 
 #[test]
 fn a_seat_that_there_is_not_and_a_set_point_of_nothing_are_no_way_out() {
     let mut reports = reports();
-    let owner = said(0, &asked(110, 1.0));
-    let late = Said { release_ns: owner.release_ns + 60_000_000, ..owner };
-    for forged in [Said { seat: NO_SEAT, ..owner }, Said { sequence: 0, ..late }] {
-        assert_eq!([reports.hear(&forged), reports.hear(&forged)], [None; 2]);
-        assert_eq!(reports.hear(&forged), Some(TripCause::ReportFalse));
-        assert_eq!(reports.hear(&owner), None);
+    let owner = report(0, &asked(110, 1.0));
+    let late = Report { release_ns: owner.release_ns + 60_000_000, ..owner };
+    for forged in [Report { seat: NO_SEAT, ..owner }, Report { sequence: 0, ..late }] {
+        assert_eq!([reports.check(&forged), reports.check(&forged)], [None; 2]);
+        assert_eq!(reports.check(&forged), Some(TripCause::ReportFalse));
+        assert_eq!(reports.check(&owner), None);
     }
-    let other = Said { seat: 1, value: owner.value, ..owner };
-    assert_eq!(reports.hear(&other), Some(TripCause::ReportFalse), "the other one's set point");
+    let other = Report { seat: 1, value: owner.value, ..owner };
+    assert_eq!(reports.check(&other), Some(TripCause::ReportFalse), "the other one's set point");
 }
 
 #[test]
@@ -201,11 +201,11 @@ fn a_slow_loop_may_track_a_set_point_that_is_older_than_all_that_are_known() {
         reports.ask(0, fast(sequence));
     }
     // At 10 Hz beside a position loop at 1 kHz.
-    let slow = Said {
+    let slow = Report {
         release_ns: fast(1_095).valid_ns,
         period_ns: 100_000_000,
         asked_every_ns: [1_000_000; 2],
-        ..said(0, &fast(1_000))
+        ..report(0, &fast(1_000))
     };
-    assert_eq!([reports.hear(&slow), reports.hear(&slow), reports.hear(&slow)], [None; 3]);
+    assert_eq!([reports.check(&slow), reports.check(&slow), reports.check(&slow)], [None; 3]);
 }

@@ -51,20 +51,20 @@ impl Default for Trajectory {
 
 /// Refuses rows of other lengths, or of several.
 fn rows_of(
-    words: &'static str,
+    sizes: &'static str,
     lengths: &'static [usize],
 ) -> impl FnOnce(&Vec<Vec<f64>>, &()) -> garde::Result {
     move |rows, _context| {
         if rows.len() > MAX_ROWS {
-            let told = format!("{} rows are too many, {MAX_ROWS} fit", rows.len());
-            return Err(garde::Error::new(told));
+            let text = format!("{} rows are too many, {MAX_ROWS} fit", rows.len());
+            return Err(garde::Error::new(text));
         }
         let first = rows.first().map_or(0, Vec::len);
         let wrong = rows.iter().position(|row| row.len() != first || !lengths.contains(&row.len()));
         wrong.map_or(Ok(()), |row| {
             let given = rows[row].len();
-            let told = format!("[{row}] has {given} numbers and is not a list of {words} numbers, as many in each row");
-            Err(garde::Error::new(told))
+            let text = format!("[{row}] has {given} numbers and is not a list of {sizes} numbers, as many in each row");
+            Err(garde::Error::new(text))
         })
     }
 }
@@ -74,8 +74,8 @@ fn rows_of(
 fn in_order(rows: &[Vec<f64>], _context: &()) -> garde::Result {
     first_not_increasing(rows).map_or(Ok(()), |row| {
         let at = |row: usize| rows[row].first().copied().unwrap_or(0.0);
-        let told = format!("[{row}] is at {:?} s, after one at {:?} s", at(row), at(row - 1));
-        Err(garde::Error::new(told))
+        let text = format!("[{row}] is at {:?} s, after one at {:?} s", at(row), at(row - 1));
+        Err(garde::Error::new(text))
     })
 }
 

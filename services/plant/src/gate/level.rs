@@ -10,7 +10,7 @@ use crate::sensors::ImuSample;
 const MAX_RATE_RAD_S: f64 = 100.0;
 const MAX_FORCE_M_S2: f64 = 1000.0;
 
-/// The accelerometer says something about up only while its length is near g.
+/// The accelerometer shows which way is up only while its length is near g.
 const FORCE_WINDOW: f64 = 0.25;
 
 /// Longest time that one prediction bridges \[s\].

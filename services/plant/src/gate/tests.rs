@@ -71,7 +71,7 @@ fn without_commands_it_holds_the_last_then_levels_then_descends_then_cuts_for_go
     let weight = VehicleParameters::default().weight_n();
     assert!(matches!(level.mode, Mode::Level { since_ns, .. } if since_ns == 45 * MS));
     assert_eq!(level.wrench, Wrench::thrust(weight));
-    // The readings say that it does not sink.
+    // The readings show that it does not sink.
     let descent = silence(&mut gate, 2045, 6045);
     assert_eq!((descent.mode, descent.wrench), (level.mode, Wrench::thrust(0.9 * weight)));
     let cut = tick(&mut gate, 6045 * MS, &[]);

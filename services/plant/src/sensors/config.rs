@@ -1,4 +1,4 @@
-//! What a scenario says about the sensors.
+//! What a scenario sets for the sensors.
 
 use garde::Validate;
 use schemars::JsonSchema;

@@ -1,7 +1,7 @@
 //! Encoder of the morph angle β.
 //!
 //! Its error is modelled as white and normal, 0.1° (1 σ), not as quantisation: backlash and
-//! magnet errors of such encoders exceed their last digit, and a filter can be told a variance.
+//! magnet errors of such encoders exceed their last digit, and a filter can be configured with a variance.
 
 use garde::Validate;
 use noise::{Noise, NoiseMemory, Source};

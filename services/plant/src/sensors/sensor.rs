@@ -7,7 +7,7 @@ use vehicle::Truth;
 
 /// A function of its configuration, its seed and the truths it was shown, with noise of its own.
 pub trait Sensor: Sized {
-    /// What a scenario says of it.
+    /// What a scenario sets for it.
     type Config;
     /// Everything that evolves, as plain numbers.
     type Memory;

@@ -1,4 +1,4 @@
-//! Whose commands the plant follows: flips, records that come too late, fail-over, the limiter.
+//! Which commands the plant follows: flips, records that come too late, fail-over, the limiter.
 
 use nalgebra::Vector3;
 use plant::gate::{GateConfig, UnprovenRange};
@@ -63,7 +63,7 @@ fn range() -> UnprovenRange {
     UnprovenRange { believed, thrust_n: [0.2 * weight_n, 2.1 * weight_n], tilt_rad: 1.0 }
 }
 
-fn tell(inputs: &mut Inputs, epoch: u64, from_ns: u64, owner: u32, fallback: u32, other: bool) {
+fn announce(inputs: &mut Inputs, epoch: u64, from_ns: u64, owner: u32, fallback: u32, other: bool) {
     inputs.attitude_owner.offer(record(epoch, from_ns, owner, fallback, other));
 }
 
@@ -82,11 +82,11 @@ fn record(epoch: u64, from_ns: u64, owner: u32, fallback: u32, other: bool) -> O
 }
 
 /// Commands of one writer, one per period, effective from `from_ns` until before `until_ns`.
-fn say(inputs: &mut Inputs, seat: u32, from_ns: u64, until_ns: u64, validity_ns: u64) {
+fn send(inputs: &mut Inputs, seat: u32, from_ns: u64, until_ns: u64, validity_ns: u64) {
     let torque_nm = if seat == B { TORQUE_NM } else { 0.0 };
     let mut valid_ns = from_ns;
     while valid_ns < until_ns {
-        // Numbered by period, so that sequences tell instants.
+        // Numbered by period, so that a sequence gives its instant.
         let header =
             Header { sequence: valid_ns / PERIOD_NS + 1, valid_ns, seat, ..Header::default() };
         inputs.wrench_command.offer(WrenchCommand {
@@ -125,10 +125,10 @@ fn rate_after(time_s: f64) -> f64 {
 #[test]
 fn at_a_flip_within_a_tick_the_new_owner_commands_from_that_instant_on() {
     let (mut plant, mut inputs) = (plant(), inputs());
-    tell(&mut inputs, 1, 0, A, NO_SEAT, false);
-    tell(&mut inputs, 2, 20 * MS + 300_000, B, A, false);
-    say(&mut inputs, A, 300_000, 60 * MS, 2 * PERIOD_NS);
-    say(&mut inputs, B, 300_000, 60 * MS, 2 * PERIOD_NS);
+    announce(&mut inputs, 1, 0, A, NO_SEAT, false);
+    announce(&mut inputs, 2, 20 * MS + 300_000, B, A, false);
+    send(&mut inputs, A, 300_000, 60 * MS, 2 * PERIOD_NS);
+    send(&mut inputs, B, 300_000, 60 * MS, 2 * PERIOD_NS);
     let before = fly(&mut plant, &mut inputs, 0, 20);
     assert_eq!((applied(&before).epoch, applied(&before).seat), (1, A));
     assert!(roll_rate(&before).abs() < 1e-15);
@@ -140,15 +140,15 @@ fn at_a_flip_within_a_tick_the_new_owner_commands_from_that_instant_on() {
 #[test]
 fn a_record_for_a_past_instant_is_refused_and_told_and_a_later_one_counts() {
     let (mut plant, mut inputs) = (plant(), inputs());
-    tell(&mut inputs, 1, 0, A, NO_SEAT, false);
-    say(&mut inputs, A, 300_000, 60 * MS, 2 * PERIOD_NS);
-    say(&mut inputs, B, 300_000, 60 * MS, 2 * PERIOD_NS);
+    announce(&mut inputs, 1, 0, A, NO_SEAT, false);
+    send(&mut inputs, A, 300_000, 60 * MS, 2 * PERIOD_NS);
+    send(&mut inputs, B, 300_000, 60 * MS, 2 * PERIOD_NS);
     fly(&mut plant, &mut inputs, 0, 25);
     // Nothing happened between 24 ms and 25 ms; they have been flown all the same.
-    tell(&mut inputs, 2, 24 * MS + 500_000, B, NO_SEAT, false);
+    announce(&mut inputs, 2, 24 * MS + 500_000, B, NO_SEAT, false);
     let late = applied(&fly(&mut plant, &mut inputs, 26, 29));
     assert_eq!((late.refused_epoch, late.refused_records, late.epoch, late.seat), (2, 1, 1, A));
-    tell(&mut inputs, 3, 29 * MS, B, NO_SEAT, false);
+    announce(&mut inputs, 3, 29 * MS, B, NO_SEAT, false);
     let next = applied(&fly(&mut plant, &mut inputs, 30, 31));
     assert_eq!((next.refused_epoch, next.refused_records, next.epoch, next.seat), (2, 1, 3, B));
 }
@@ -156,11 +156,11 @@ fn a_record_for_a_past_instant_is_refused_and_told_and_a_later_one_counts() {
 #[test]
 fn the_fallback_commands_two_periods_after_the_owners_last_until_the_next_epoch() {
     let (mut plant, mut inputs) = (plant(), inputs());
-    tell(&mut inputs, 1, 0, A, B, false);
-    say(&mut inputs, A, 300_000, 50 * MS, 2 * PERIOD_NS);
-    // Its newest word is older than the owner's last one, and between the plant's ticks nothing
+    announce(&mut inputs, 1, 0, A, B, false);
+    send(&mut inputs, A, 300_000, 50 * MS, 2 * PERIOD_NS);
+    // Its newest command is older than the owner's last one, and between the plant's ticks nothing
     // else happens when it begins to count.
-    say(&mut inputs, B, 5 * MS, 40 * MS, 6 * PERIOD_NS);
+    send(&mut inputs, B, 5 * MS, 40 * MS, 6 * PERIOD_NS);
     let before = fly(&mut plant, &mut inputs, 0, 60);
     assert_eq!((applied(&before).seat, applied(&before).fail_overs), (A, 0));
     let outputs = fly(&mut plant, &mut inputs, 61, 63);
@@ -169,10 +169,10 @@ fn the_fallback_commands_two_periods_after_the_owners_last_until_the_next_epoch(
     assert_eq!((after.failed_over, after.command_sequence), (Flag::Yes, 4));
     assert!((roll_rate(&outputs) - rate_after(2.7e-3)).abs() < 1e-9, "from 60.3 ms on");
 
-    say(&mut inputs, A, 70 * MS, 140 * MS, 2 * PERIOD_NS);
+    send(&mut inputs, A, 70 * MS, 140 * MS, 2 * PERIOD_NS);
     let latched = applied(&fly(&mut plant, &mut inputs, 64, 90));
     assert_eq!((latched.seat, latched.failed_over), (B, Flag::Yes));
-    tell(&mut inputs, 2, 92 * MS, A, NO_SEAT, false);
+    announce(&mut inputs, 2, 92 * MS, A, NO_SEAT, false);
     let back = applied(&fly(&mut plant, &mut inputs, 91, 130));
     assert_eq!((back.seat, back.failed_over, back.epoch), (A, Flag::No, 2));
     assert!(back.torque_b_nm[0].abs() < 1e-15);
@@ -183,9 +183,9 @@ fn the_fallback_commands_two_periods_after_the_owners_last_until_the_next_epoch(
 #[test]
 fn an_owner_whose_commands_are_garbage_is_silent() {
     let (mut plant, mut inputs) = (plant(), inputs());
-    tell(&mut inputs, 1, 0, A, B, false);
-    say(&mut inputs, B, 0, 90 * MS, 2 * PERIOD_NS);
-    say(&mut inputs, A, 0, 30 * MS, 2 * PERIOD_NS);
+    announce(&mut inputs, 1, 0, A, B, false);
+    send(&mut inputs, B, 0, 90 * MS, 2 * PERIOD_NS);
+    send(&mut inputs, A, 0, 30 * MS, 2 * PERIOD_NS);
     for k in 3..9 {
         inputs.wrench_command.offer(WrenchCommand {
             header: Header {
@@ -215,7 +215,7 @@ fn an_unproven_owners_commands_are_reduced_to_its_range_and_a_fallbacks_are_not(
     // By seat, and whether the plant knows a range: the torque that is applied.
     let torque_nm = |seat: u32, unproven: Option<UnprovenRange>| {
         let (mut plant, mut inputs) = (plant_with(unproven), inputs());
-        tell(&mut inputs, 1, 0, A, B, false);
+        announce(&mut inputs, 1, 0, A, B, false);
         inputs.wrench_command.offer(WrenchCommand {
             header: Header { sequence: 1, seat, ..Header::default() },
             thrust_n: weight_n,
@@ -241,7 +241,7 @@ fn the_gate_levels_before_an_unproven_owner_overturns_the_vehicle() {
         let (mut plant, mut inputs) = (plant_with(unproven), inputs());
         let record = OwnerRecord { watched: Flag::from(watched), ..record(1, 0, B, A, false) };
         inputs.attitude_owner.offer(record);
-        say(&mut inputs, B, 0, 150 * MS, 2 * PERIOD_NS);
+        send(&mut inputs, B, 0, 150 * MS, 2 * PERIOD_NS);
         let first = (0..150).find_map(|t_ms| {
             let now = applied(&fly(&mut plant, &mut inputs, t_ms, t_ms));
             (now.mode == GateMode::Recover).then_some((t_ms, now))
@@ -258,10 +258,10 @@ fn the_gate_levels_before_an_unproven_owner_overturns_the_vehicle() {
 /// Torque about x over the tick that ends at each of these milliseconds, with a flip at 20 ms.
 fn torques_after_a_flip(kind_changed: bool, at_ms: [u64; 3]) -> [f64; 3] {
     let (mut plant, mut inputs) = (plant(), inputs());
-    tell(&mut inputs, 1, 0, A, NO_SEAT, false);
-    tell(&mut inputs, 2, 20 * MS, B, A, kind_changed);
-    say(&mut inputs, A, 0, 130 * MS, 2 * PERIOD_NS);
-    say(&mut inputs, B, 0, 130 * MS, 2 * PERIOD_NS);
+    announce(&mut inputs, 1, 0, A, NO_SEAT, false);
+    announce(&mut inputs, 2, 20 * MS, B, A, kind_changed);
+    send(&mut inputs, A, 0, 130 * MS, 2 * PERIOD_NS);
+    send(&mut inputs, B, 0, 130 * MS, 2 * PERIOD_NS);
     let mut from_ms = 0;
     at_ms.map(|until_ms| {
         let outputs = fly(&mut plant, &mut inputs, from_ms, until_ms);
@@ -290,12 +290,12 @@ fn the_limiter_acts_only_on_a_change_of_kind_and_lets_go_over_a_tenth_of_a_secon
 /// A flip of kind at 40.3 ms; the new owner is silent from 60 ms to 101 ms and owns again from 120.7 ms.
 fn eventful() -> Inputs {
     let mut inputs = inputs();
-    tell(&mut inputs, 1, 0, A, NO_SEAT, false);
-    tell(&mut inputs, 2, 40 * MS + 300_000, B, A, true);
-    tell(&mut inputs, 3, 120 * MS + 700_000, B, NO_SEAT, true);
-    say(&mut inputs, A, 300_000, 170 * MS, 2 * PERIOD_NS);
-    say(&mut inputs, B, 300_000, 61 * MS, 2 * PERIOD_NS);
-    say(&mut inputs, B, 101 * MS, 170 * MS, 2 * PERIOD_NS);
+    announce(&mut inputs, 1, 0, A, NO_SEAT, false);
+    announce(&mut inputs, 2, 40 * MS + 300_000, B, A, true);
+    announce(&mut inputs, 3, 120 * MS + 700_000, B, NO_SEAT, true);
+    send(&mut inputs, A, 300_000, 170 * MS, 2 * PERIOD_NS);
+    send(&mut inputs, B, 300_000, 61 * MS, 2 * PERIOD_NS);
+    send(&mut inputs, B, 101 * MS, 170 * MS, 2 * PERIOD_NS);
     inputs
 }
 
@@ -335,26 +335,26 @@ fn trip(inputs: &mut Inputs, epoch: u64, instance: u32, at_ns: u64) {
 #[test]
 fn a_trip_within_a_tick_gives_the_slot_to_the_fallback_from_that_instant_on() {
     let (mut plant, mut inputs) = (plant(), inputs());
-    tell(&mut inputs, 1, 0, A, B, false);
-    say(&mut inputs, A, 300_000, 60 * MS, 2 * PERIOD_NS);
-    say(&mut inputs, B, 300_000, 60 * MS, 2 * PERIOD_NS);
+    announce(&mut inputs, 1, 0, A, B, false);
+    send(&mut inputs, A, 300_000, 60 * MS, 2 * PERIOD_NS);
+    send(&mut inputs, B, 300_000, 60 * MS, 2 * PERIOD_NS);
     trip(&mut inputs, 1, A, 20 * MS + 300_000);
     let before = applied(&fly(&mut plant, &mut inputs, 0, 20));
     assert_eq!((before.seat, before.tripped.is_set()), (A, false));
     let after = fly(&mut plant, &mut inputs, 21, 23);
-    let told = applied(&after);
-    assert_eq!((told.epoch, told.seat, told.mode), (1, B, GateMode::Normal));
-    assert!(told.tripped.is_set() && told.failed_over.is_set());
+    let command = applied(&after);
+    assert_eq!((command.epoch, command.seat, command.mode), (1, B, GateMode::Normal));
+    assert!(command.tripped.is_set() && command.failed_over.is_set());
     assert!((roll_rate(&after) - rate_after(2.7e-3)).abs() < 1e-9);
 }
 
 #[test]
 fn a_trip_in_a_fast_turn_is_answered_by_the_gate_and_then_by_the_fallback() {
     let (mut plant, mut inputs) = (plant(), inputs());
-    // B turns the vehicle; A, who holds still, stands by.
-    tell(&mut inputs, 1, 0, B, A, false);
-    say(&mut inputs, A, 0, 400 * MS, 2 * PERIOD_NS);
-    say(&mut inputs, B, 0, 400 * MS, 2 * PERIOD_NS);
+    // B turns the vehicle; A holds still and stands by.
+    announce(&mut inputs, 1, 0, B, A, false);
+    send(&mut inputs, A, 0, 400 * MS, 2 * PERIOD_NS);
+    send(&mut inputs, B, 0, 400 * MS, 2 * PERIOD_NS);
     trip(&mut inputs, 1, B, 40 * MS);
     let turning = fly(&mut plant, &mut inputs, 0, 40);
     assert!(roll_rate(&turning) > 4.0, "{}", roll_rate(&turning));
@@ -378,8 +378,8 @@ fn without_a_fallback_the_gate_levels_and_gives_the_slot_back_to_the_owner_at_la
     // Tripped as it turns fast, and before it has turned much.
     for (trip_ms, first) in [(40, GateMode::Recover), (10, GateMode::Level)] {
         let (mut plant, mut inputs) = (plant(), inputs());
-        tell(&mut inputs, 1, 0, B, NO_SEAT, false);
-        say(&mut inputs, B, 0, 1700 * MS, 2 * PERIOD_NS);
+        announce(&mut inputs, 1, 0, B, NO_SEAT, false);
+        send(&mut inputs, B, 0, 1700 * MS, 2 * PERIOD_NS);
         trip(&mut inputs, 1, B, trip_ms * MS);
         fly(&mut plant, &mut inputs, 0, trip_ms);
         let levels = applied(&fly(&mut plant, &mut inputs, trip_ms + 1, trip_ms + 3));

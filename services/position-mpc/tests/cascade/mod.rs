@@ -14,7 +14,7 @@ use vehicle::{VehicleParameters, Wrench, euler_from_quaternion};
 /// Desired position \[m\] and heading \[rad\] at a time \[s\].
 pub(crate) type Reference<'a> = &'a dyn Fn(f64) -> (Vector3<f64>, f64);
 
-/// White noise on what the laws are told: 1 mm, 8 mm/s, 1 mrad, 10 mrad/s (1σ), an estimator's.
+/// White noise on what the laws are given: 1 mm, 8 mm/s, 1 mrad, 10 mrad/s (1σ), an estimator's.
 pub(crate) struct Noise(u64);
 
 impl Noise {
@@ -31,7 +31,7 @@ impl Noise {
     }
 }
 
-/// Sees what the position law is told and what it answers.
+/// Sees what the position law is given and what it returns.
 pub(crate) type Watch = Box<dyn FnMut(&Input<'_>, &Output)>;
 
 pub(crate) struct Cascade {

@@ -1,4 +1,4 @@
-//! The cascade on the nonlinear vehicle: disturbances it was not told of, and a moving reference.
+//! The cascade on the nonlinear vehicle: disturbances that are not in its model, and a moving reference.
 
 use crate::cascade::{Cascade, Flight, Trace};
 use nalgebra::Vector3;

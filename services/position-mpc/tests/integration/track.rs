@@ -1,4 +1,4 @@
-//! A fresh law beside one that flies, told only what the attitude loop applied.
+//! A fresh law beside one that flies, given only what the attitude loop applied.
 
 use std::cell::Cell;
 use std::collections::VecDeque;

@@ -1,4 +1,4 @@
-//! The torque behind the rotors' lag, and u(k−1), as far as the plant's reports tell.
+//! The torque behind the rotors' lag, and u(k−1), as far as the plant's reports show.
 
 use crate::FlightFacts;
 use mpc::LaggedAxis;
@@ -84,9 +84,9 @@ impl Actuators {
     /// Brings the copy to this sample; `reported` is the torque of the plant's last whole tick, and `axis` how the
     /// actuators are modelled.
     ///
-    /// A report that may be of u(k−1) or u(k−2) is not used. One that is of u(k−2) tells by how much
+    /// A report that may be of u(k−1) or u(k−2) is not used. One that is of u(k−2) shows by how much
     /// the plant departs from what is commanded, and u(k−1) is taken to depart as much. One that is still
-    /// older tells the torque in effect, and nothing of u(k−1).
+    /// older shows the torque in effect, and not u(k−1).
     pub fn follow(&mut self, reported: Option<Vector3<f64>>, timing: &Timing, axis: &LaggedAxis) {
         let reported = reported.filter(|torque| torque.iter().all(|t| t.is_finite()));
         if !self.commanded {

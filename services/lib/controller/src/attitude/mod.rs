@@ -35,7 +35,7 @@ pub trait AttitudeLaw {
     fn restore(&mut self, memory: &Self::Memory) -> Result<Common, String>;
 }
 
-/// What a law is told.
+/// What a law is given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// γ(k) \[rad\].
@@ -85,7 +85,7 @@ shared_types::memory! {
         pub setpoint: [f64; 4],
         /// Sequence of the set point sample in use.
         pub setpoint_sequence: u64,
-        /// Whose set point counts.
+        /// The seat whose set point counts.
         pub slot: SetpointMemory,
         /// Torques given.
         pub actuators: Actuators,

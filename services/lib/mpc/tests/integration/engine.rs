@@ -181,11 +181,11 @@ fn a_design_that_makes_no_sense_is_refused_with_its_numbers() {
         ("drag_per_s = -1", |d| d.axes[0].drag_per_s = -1.0),
         ("penalty = -2", |d| d.constraints.levels = Some(Hardness::Soft { penalty: -2.0 })),
     ];
-    for (says, spoil) in cases {
+    for (message, spoil) in cases {
         let mut design = bare(HORIZON);
         spoil(&mut design);
         let error = build(&design).to_string();
-        assert!(error.starts_with(says), "{error}");
+        assert!(error.starts_with(message), "{error}");
     }
     let mut wide = bare(Horizon { prediction: 200, control: 3 });
     wide.constraints.outputs = Some(Hardness::Hard);

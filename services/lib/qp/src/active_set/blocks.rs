@@ -27,7 +27,7 @@ pub(super) struct Memory {
     pub(super) trusted: bool,
 }
 
-/// All blocks: vectors lie one block behind the other, as the shapes tell.
+/// All blocks: vectors lie one block behind the other, as the shapes describe.
 #[derive(Debug, Clone)]
 pub(super) struct Blocks {
     pub(super) tolerance: f64,

@@ -54,7 +54,7 @@ impl Default for Settings {
     }
 }
 
-/// Who can work with the matrices in force.
+/// Which method can work with the matrices in force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Matrices {
     Missing,
@@ -72,7 +72,7 @@ enum Matrices {
 /// one. Ill-conditioned Hessians have their residuals measured and corrected in every solve.
 /// Whatever is doubtful there (dependent rows that matter, infeasible or unusual input, a residual
 /// above the promise) is solved again, from the same working set, by an orthogonal factorisation
-/// in the space of the variables, a few times slower; it says `Solved` only after the residuals of
+/// in the space of the variables, a few times slower; it returns `Solved` only after the residuals of
 /// the original problem have been measured. What double precision leaves open there (rows parallel
 /// up to 1e-8 or less, contradictions by less than rounding could explain) is decided by the same
 /// method in pairs of doubles, cold, which is more than an order of magnitude slower again.

@@ -20,7 +20,7 @@ use working::WorkingFactor;
 /// The safe method: an orthogonal factorisation in the space of the variables.
 ///
 /// A solve rebuilds its factor from the working set, drops the rows whose multipliers have the
-/// wrong sign, and then adds violated rows one by one. `Solved` is said only after the residuals
+/// wrong sign, and then adds violated rows one by one. `Solved` is returned only after the residuals
 /// of the original problem have been measured. Dependent rows (duplicates, ties) never stand in
 /// the factor together.
 #[derive(Debug, Clone)]
@@ -93,7 +93,7 @@ impl<T: Real> Goldfarb<T> {
         })
     }
 
-    /// Checks and scales the inputs; says how the solve ends if it ends here.
+    /// Checks and scales the inputs; returns how the solve ends if it ends here.
     fn load(&mut self, f: &[f64], lower: &[f64], upper: &[f64]) -> Result<(), QpStatus> {
         let dim = self.scaled.dim();
         self.scaled.check(f, lower, upper, &mut self.gradient[..dim])?;

@@ -1,5 +1,5 @@
 //! From the end of the walk to an answer in the caller's coordinates: iterative refinement on
-//! the working set, then the residuals decide whether `Solved` may be said.
+//! the working set, then the residuals decide whether `Solved` may be returned.
 
 use super::Goldfarb;
 use crate::kkt::Evaluated;

@@ -88,11 +88,11 @@ fn every_recorded_program_is_solved_to_its_exact_first_move_warm_and_cold() {
 /// A file of one run with one tick, n = 3 without rows.
 fn small() -> Vec<u8> {
     let mut bytes = b"MQPS".to_vec();
-    let mut words = |values: &[u32]| values.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
-    words(&[2, 1, 0, 4]);
+    let mut push = |values: &[u32]| values.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+    push(&[2, 1, 0, 4]);
     bytes.extend(b"tiny");
-    let mut words = |values: &[u32]| values.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
-    words(&[3, 0, 1, 0, 10, 1, 3, 0]);
+    let mut push = |values: &[u32]| values.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+    push(&[3, 0, 1, 0, 10, 1, 3, 0]);
     let mut numbers = vec![0.01, 1.0, 1.0, 1.0, 0.0];
     numbers.extend([0.0; 54]);
     numbers.extend([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0]);
@@ -144,10 +144,10 @@ fn a_damaged_file_is_refused_with_its_name_and_place() {
         (header + 32, &f64::NAN.to_le_bytes(), header + 32, "Ts, w, pole[0] is NaN"),
         (whole.len() - 8, &[5], whole.len() - 8, "act[0] = 5"),
     ];
-    for (at, bytes, offset, words) in cases {
+    for (at, bytes, offset, message) in cases {
         let error = damage(at, bytes);
         assert_eq!(error.offset, offset, "{error}");
-        assert!(error.to_string().contains(words), "{error}");
+        assert!(error.to_string().contains(message), "{error}");
     }
     let longer = [whole.as_slice(), &[0; 8]].concat();
     let error = parse("long.bin", &longer).unwrap_err();

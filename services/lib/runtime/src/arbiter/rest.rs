@@ -17,8 +17,8 @@ const LIFT_PER_SPEED_S_M: f64 = 0.1;
 /// Largest share of it.
 const LIFT_MAX: f64 = 0.3;
 
-/// What brings the vehicle to rest: T \[N\], φ, θ, ψ \[rad\], the heading as it is told. Without a finite estimate that is
-/// level, and carries the weight.
+/// What brings the vehicle to rest: T \[N\], φ, θ, ψ \[rad\], the heading as it is given. Without a
+/// finite estimate that is level, and carries the weight.
 pub(super) fn braking(weight_n: f64, yaw_rad: f64, estimate: Option<&StateEstimate>) -> [f64; 4] {
     let [ahead, left, up] = estimate.map_or([0.0; 3], velocity_h_m_s);
     let tilt = |speed: f64| (TILT_PER_SPEED_RAD_S_M * speed).clamp(-TILT_MAX_RAD, TILT_MAX_RAD);

@@ -18,7 +18,7 @@ shared_types::memory! {
     /// A [`SetpointSlot`] as plain numbers.
     #[derive(PartialEq)]
     pub struct SetpointMemory {
-        /// Whose set point counts.
+        /// The seat whose set point counts.
         pub arbiter: ArbiterMemory,
         /// Set points refused because they are not finite.
         pub refused: u64,
@@ -27,7 +27,7 @@ shared_types::memory! {
     }
 }
 
-/// Whose attitude set point counts, in the loop that tracks it.
+/// Decides which attitude set point counts, in the loop that tracks it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SetpointSlot {
     arbiter: CommandArbiter,
@@ -60,7 +60,7 @@ impl SetpointSlot {
         estimates: &Input<StateEstimate>,
     ) -> Option<Command> {
         let joins = self.arbiter.consumer.record().is_none();
-        self.arbiter.hear(records);
+        self.arbiter.take_records(records);
         if joins && let Some(known) = setpoints.before_fresh() {
             // In effect since before this controller began.
             self.arbiter.advance(known.header.valid_ns);
@@ -96,9 +96,9 @@ impl SetpointSlot {
             .or_else(|| self.fade(now_ns, estimates.latest()))
     }
 
-    /// Whose set point counts at an instant. After a trip none counts until the fallback has had two periods to see
-    /// that the vehicle levels, or a record names another owner: the fallback continues from what is applied, and would
-    /// begin with what its predecessor has tripped for.
+    /// Decides which set point counts at an instant. After a trip none counts until the fallback has had two periods to
+    /// see that the vehicle levels, or a record names another owner: the fallback continues from what is applied, and
+    /// would begin with what its predecessor has tripped for.
     fn decide(&mut self, at_ns: u64) -> Option<Selection> {
         let record = self.arbiter.consumer.record().filter(|_| self.arbiter.is_revoked());
         let levels_ns = record.map_or(0, |record| {
@@ -169,7 +169,7 @@ impl SetpointSlot {
         }
     }
 
-    /// A sample that tells who commands; the set point itself is the caller's to fill in.
+    /// A sample that names the commanding seat; the set point itself is the caller's to fill in.
     #[must_use]
     pub fn applied(&self) -> AppliedSetpoint {
         AppliedSetpoint {
@@ -203,9 +203,10 @@ impl SetpointSlot {
 }
 
 impl Input<AppliedSetpoint> {
-    /// The newest of this step that the attitude slot's owner has said; the fallback's if the owner says nothing any
-    /// more, or the plant does not follow it any more, as `plant` says: what an owner that has tripped or failed reports
-    /// is not what flies. Shadows say what they track too.
+    /// The newest report of the attitude slot's owner in this step; the fallback's if the owner
+    /// reports nothing any more, or the plant does not follow it any more, as `plant` shows: what
+    /// an owner that has tripped or failed reports is not what flies. Shadows report what they
+    /// track too.
     #[must_use]
     pub fn in_command(
         &self,
@@ -215,11 +216,11 @@ impl Input<AppliedSetpoint> {
         let newest = |authority| {
             self.fresh().iter().rev().find(|s| records.authority_of(&s.header) == authority)
         };
-        let has_failed = |said: &&AppliedSetpoint| {
-            let epoch = records.in_effect_at(said.header.valid_ns).map(|record| record.epoch);
+        let has_failed = |report: &&AppliedSetpoint| {
+            let epoch = records.in_effect_at(report.header.valid_ns).map(|record| record.epoch);
             plant.is_some_and(|plant| plant.failed_over.is_set() && Some(plant.epoch) == epoch)
         };
-        let owners = newest(Authority::Owner).filter(|said| !has_failed(said));
+        let owners = newest(Authority::Owner).filter(|report| !has_failed(report));
         owners.or_else(|| newest(Authority::Fallback))
     }
 }

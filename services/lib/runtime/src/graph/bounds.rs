@@ -4,8 +4,9 @@ use super::{Edge, Graph, GraphError, ROLES};
 use crate::rate::Rate;
 use shared_types::{Role, TopicInfo};
 
-/// Furthest ahead of its mark that a process says that it is quiet, where readers and topics keep enough for it \[ns\]. The
-/// monitor, woken once in four steps instead of at each, takes a third less of the processor.
+/// Furthest ahead of its mark that a process announces that it is quiet, where readers and topics
+/// keep enough for it \[ns\]. The monitor, woken once in four steps instead of at each, takes a
+/// third less of the processor.
 const QUIET_LIMIT_NS: u64 = 80_000_000;
 
 /// Furthest that the end of allowed time lies ahead of the slowest loop's mark \[ns\].
@@ -15,8 +16,8 @@ pub const CREDIT_NS: u64 = 250_000_000;
 pub const READER_CAPACITY: usize = 1024;
 
 impl Graph {
-    /// Sets how far ahead a process may say that it is quiet: as far as readers keep what is ahead of it, and topics what it
-    /// has missed if it is restarted.
+    /// Sets how far ahead a process may announce that it is quiet: as far as readers keep what is
+    /// ahead of it, and topics what it has missed if it is restarted.
     ///
     /// # Errors
     /// [`GraphError::BufferTooSmall`] if too little is kept even if no process is quiet.
@@ -32,8 +33,8 @@ impl Graph {
         self.refuse_overflow()
     }
 
-    /// Lockstep: how far ahead a process of a role may say that it is quiet \[ns\]. Only the monitor publishes nothing at
-    /// most of its steps.
+    /// Lockstep: how far ahead a process of a role may announce that it is quiet \[ns\]. Only the
+    /// monitor publishes nothing at most of its steps.
     #[must_use]
     pub fn quiet_limit_ns(&self, role: Role) -> u64 {
         if role == Role::Monitor { self.quiet_limit_ns } else { 0 }
@@ -87,8 +88,8 @@ impl Graph {
     }
 
     /// The first input whose topic keeps too little for `role` to restart exactly, if it publishes
-    /// its state every `state_every` steps; with the samples that would be needed. `rate_of` tells
-    /// of topics that are published less often than their producer steps.
+    /// its state every `state_every` steps; with the samples that would be needed. `rate_of` gives
+    /// the rate of topics that are published less often than their producer steps.
     #[must_use]
     pub fn too_short_history(
         &self,

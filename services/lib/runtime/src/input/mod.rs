@@ -25,7 +25,7 @@ pub trait Source<T> {
     }
 }
 
-/// What the first input of a step says of its origin.
+/// The origin of the first input of a step.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Origin {
     /// Sequence of the IMU sample that it descends from; 0 if none.
@@ -89,14 +89,14 @@ impl Newest {
         Self { valid_ns, sequence, generation }
     }
 
-    /// True if the seat has said this, or something after it, already. Within a seat effect and
+    /// True if the seat has published this sample, or a later one, already. Within a seat effect and
     /// sequence grow together; a process that takes a seat in flight counts from anywhere, but later.
     fn has(&self, header: &Header) -> bool {
         (header.valid_ns, header.sequence) <= (self.valid_ns, self.sequence)
     }
 
     /// Samples that are missing before this one. In a slot, `counts_anew`, each process has numbers of its
-    /// own; elsewhere a restarted one goes on with those of its predecessor, whose last words may be lost.
+    /// own; elsewhere a restarted one goes on with those of its predecessor, whose last samples may be lost.
     pub(crate) fn missing_before(&self, header: &Header, counts_anew: bool) -> u64 {
         let comparable = self.generation == header.generation || !counts_anew;
         if comparable { header.sequence.saturating_sub(self.sequence.saturating_add(1)) } else { 0 }
@@ -105,8 +105,8 @@ impl Newest {
 
 /// One input: the samples accepted but not yet effective, the new ones and the latest.
 ///
-/// A topic of a slot has a writer on each of the slot's seats. Who of them counts is for the
-/// component to judge, by owner records.
+/// A topic of a slot has a writer on each of the slot's seats. The component judges by owner
+/// records which of them counts.
 pub struct Input<T> {
     source: Option<Box<dyn Source<T>>>,
     edge: Option<Edge>,
@@ -121,18 +121,18 @@ pub struct Input<T> {
     newest: [Option<Newest>; SEATS],
     /// The same before this step.
     newest_before: [Option<Newest>; SEATS],
-    /// Of each seat of a slot: it has not counted at some step since its newest sample, so that what it has said
-    /// meanwhile is not missing.
-    unheard: [bool; SEATS],
+    /// Of each seat of a slot: it has not counted at some step since its newest sample, so that
+    /// what it has published meanwhile is not missing.
+    ignored: [bool; SEATS],
     /// The same before this step.
-    unheard_before: [bool; SEATS],
+    ignored_before: [bool; SEATS],
     /// What was in effect at the step of a restored state, or before the first step of a loop that joined, is known and
     /// comes again as history.
     known_until_ns: Option<u64>,
-    /// Of each seat: generation of the first process that is heard.
+    /// Of each seat: generation of the first process whose samples are taken.
     heard_from: [u32; SEATS],
-    /// Of a slot: whose samples count when. No loop waits for the others, so that it is for chance to
-    /// say when those come, and they are left out.
+    /// Of a slot: which seats' samples count when. No loop waits for the others, so their arrival
+    /// depends on chance, and they are left out.
     slot: Option<SlotBook>,
     /// Of owner records: all that have been received, and whether there are new ones.
     book: SlotBook,
@@ -162,8 +162,8 @@ impl<T: Sample> Default for Input<T> {
             receive_mono_ns: 0,
             newest: [None; SEATS],
             newest_before: [None; SEATS],
-            unheard: [false; SEATS],
-            unheard_before: [false; SEATS],
+            ignored: [false; SEATS],
+            ignored_before: [false; SEATS],
             known_until_ns: None,
             heard_from: [0; SEATS],
             slot: None,
@@ -215,8 +215,9 @@ impl<T: Sample> Input<T> {
         if header.generation < *heard_from {
             return;
         }
-        // What a seat says after the last that is known of it is new, however late it arrives. Of a seat of which nothing
-        // is known, a state tells only the instant until which others were heard.
+        // What a seat publishes after its last known sample is new, however late it arrives. For a
+        // seat without a known sample, a state gives only the instant until which others were
+        // taken.
         let is_history = || self.known_until_ns.is_some_and(|t| self.in_effect(header.valid_ns, t));
         if newest.map_or_else(is_history, |newest| newest.has(header)) {
             return;
@@ -244,7 +245,7 @@ impl<T: Sample> Input<T> {
     /// the step before, from which lateness is judged.
     pub fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
         self.fresh_from = self.effective.len();
-        (self.newest_before, self.unheard_before) = (self.newest, self.unheard);
+        (self.newest_before, self.ignored_before) = (self.newest, self.ignored);
         while let Some(Arrived { sample, receive_mono_ns }) = self.pending.front() {
             let header = *sample.header();
             if !self.in_effect(header.valid_ns, t_ns) {
@@ -260,10 +261,10 @@ impl<T: Sample> Input<T> {
             let seat = usize::try_from(header.seat).unwrap_or(SEATS);
             let newest = self.newest.get_mut(seat);
             let before = newest.and_then(|newest| newest.replace(Newest::of(&header)));
-            let unheard = self.unheard.get_mut(seat).is_some_and(core::mem::take);
+            let ignored = self.ignored.get_mut(seat).is_some_and(core::mem::take);
             let counts_anew = self.counts_anew();
             let missing = |before: Newest| before.missing_before(&header, counts_anew);
-            let lost = before.filter(|_| !unheard).map_or(0, missing);
+            let lost = before.filter(|_| !ignored).map_or(0, missing);
             self.counts.lost = self.counts.lost.saturating_add(lost);
             self.receive_mono_ns = *receive_mono_ns;
             // Samples are large: what was in effect moves only where something is new.
@@ -276,8 +277,8 @@ impl<T: Sample> Input<T> {
             self.pending.pop_front();
         }
         if let Some(slot) = &self.slot {
-            for (seat, unheard) in (0..).zip(&mut self.unheard) {
-                *unheard |= !slot.counts(seat, t_ns);
+            for (seat, ignored) in (0..).zip(&mut self.ignored) {
+                *ignored |= !slot.counts(seat, t_ns);
             }
         }
     }
@@ -291,7 +292,7 @@ impl<T: Sample> Input<T> {
         self.known_until_ns = Some(t_ns);
     }
 
-    /// What has been received about who owns a slot, if there is news since the last time; of owner
+    /// What has been received about the owner of a slot, if there is news since the last time; of owner
     /// records only. What ended before `previous_ns` is forgotten.
     pub fn owner_news(&mut self, previous_ns: Option<u64>) -> Option<(Role, SlotBook)> {
         let role = self.news.take()?;
@@ -306,14 +307,14 @@ impl<T: Sample> Input<T> {
         }
     }
 
-    /// Takes in who owns the slot from when, if this input comes from it.
+    /// Takes in which seat owns the slot from when, if this input comes from it.
     pub fn learn_owners(&mut self, role: Role, slot: &SlotBook) {
         if self.edge.is_some_and(|edge| edge.from == role) {
             self.slot = Some(*slot);
         }
     }
 
-    /// Leaves out what processes say that had gone when this one began, see
+    /// Leaves out samples of processes that had gone when this one began, see
     /// [`Handover::heard_from`](shared_types::Handover::heard_from).
     pub fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
         let Some(role) = self.edge.map(|edge| edge.from) else { return };
@@ -322,7 +323,7 @@ impl<T: Sample> Input<T> {
         }
     }
 
-    /// True if nothing follows any more from a process that this one had heard before it began.
+    /// True if nothing follows any more from a process that had already gone when this one began.
     pub(crate) fn has_gone(&self, seat: usize, generation: u32) -> bool {
         self.heard_from.get(seat).is_some_and(|from| generation < *from)
     }
@@ -341,8 +342,9 @@ impl<T: Sample> Input<T> {
         self.edge.is_some_and(|edge| edge.topic.from.is_slot())
     }
 
-    /// Generation of a writer among those that have numbers of their own. Where numbers go on, a restarted
-    /// producer repeats its predecessor's last words, and it is for chance to say whose copy arrives.
+    /// Generation of a writer among those that have numbers of their own. Where numbers go on, a
+    /// restarted producer repeats its predecessor's last samples, and chance decides which copy
+    /// arrives.
     pub(crate) fn generation_of(&self, header: &Header) -> u32 {
         if self.counts_anew() { header.generation } else { 0 }
     }
@@ -381,7 +383,7 @@ impl<T: Sample> Input<T> {
         self.effective.last()
     }
 
-    /// What the latest sample says of its origin.
+    /// The origin of the latest sample.
     #[must_use]
     pub fn origin(&self) -> Origin {
         self.latest().map_or_else(Origin::default, |latest| {
@@ -405,9 +407,9 @@ impl<T: Sample> Input<T> {
         self.newest_before
     }
 
-    /// Of each seat: what it said before this step's first sample of it is not missing.
-    pub(crate) fn unheard_before(&self) -> [bool; SEATS] {
-        self.unheard_before
+    /// Of each seat: what it published before this step's first sample of it is not missing.
+    pub(crate) fn ignored_before(&self) -> [bool; SEATS] {
+        self.ignored_before
     }
 
     /// The latest sample, judged by the age of what it describes.
@@ -450,7 +452,7 @@ impl<T: Sample> Input<T> {
         self.effective.extend(latest);
         self.fresh_from = self.effective.len();
         self.receive_mono_ns = 0;
-        (self.newest, self.unheard) = ([None; SEATS], [false; SEATS]);
+        (self.newest, self.ignored) = ([None; SEATS], [false; SEATS]);
         if let Some(latest) = latest {
             self.learn(&latest);
         }

@@ -53,13 +53,13 @@ pub trait InputSet: Default {
     fn receive(&mut self);
     /// Takes what has arrived on the inputs whose producers are among `moved`, or step unwaited.
     fn receive_if_moved(&mut self, moved: Roles);
-    /// Lets whose samples count follow what has been received about owners.
+    /// Updates which seats count by what has been received about owners.
     fn spread_owner_news(&mut self, previous_ns: Option<u64>);
     /// Puts into effect what is due on every input.
     fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>);
     /// Sum of all inputs' counters.
     fn counts(&self) -> InputCounts;
-    /// What the first declared input says of its origin.
+    /// The origin of the first declared input.
     fn origin(&self) -> Origin;
     /// Writes all latches; `out` holds [`InputSet::LATCH_SIZE`] bytes.
     fn pack_latches(&self, out: &mut [u8]);

@@ -1,4 +1,4 @@
-//! Which connection speaks for the launcher: a file in the run's folder names it, which only its user can write.
+//! Which connection is the launcher's: a file in the run's folder names it, which only its user can write.
 //!
 //! A process id would be no proof, since ids are used again; the transport never gives the same identity twice, and no
 //! client of it can choose its own.

@@ -47,7 +47,7 @@ pub type Ipc = ipc::Service;
 
 /// Samples a recorder's reader keeps of a topic that has one sample per step.
 pub const RECORDER_CAPACITY: usize = 2048;
-/// The same of deviations: a loop of 1 kHz that catches up with half a second tells of up to six in each step.
+/// The same of deviations: a loop of 1 kHz that catches up with half a second reports up to six in each step.
 const DEVIATION_CAPACITY: usize = 2 * RECORDER_CAPACITY;
 /// Samples of `topic` that a recorder's reader keeps.
 #[must_use]
@@ -122,9 +122,9 @@ pub struct Bus {
     folder: PathBuf,
     /// For how long a port waits until its service admits it \[ns\].
     room_limit_ns: u64,
-    /// Who leads, for all readers of this process.
+    /// Which process leads, for all readers of this process.
     authority: Rc<Authority>,
-    /// Who sits where, for all readers of this process.
+    /// Which process sits where, for all readers of this process.
     registry: SharedRegistry,
 }
 
@@ -181,8 +181,9 @@ impl Bus {
         }
     }
 
-    /// Makes this connection the launcher's, before it writes anything: what only the launcher says is believed of it
-    /// alone from now on, and what a launcher before it has said still counts.
+    /// Makes this connection the launcher's, before it writes anything: what only the launcher may
+    /// write is accepted from it alone from now on, and what a launcher before it has written still
+    /// counts.
     ///
     /// # Errors
     /// The run's folder cannot be written.
@@ -350,7 +351,7 @@ fn layout_key(service: &str) -> Result<AttributeKey, PortError> {
     LAYOUT_KEY.try_into().map_err(PortError::transport(service, "name a key"))
 }
 
-/// By which a service tells how its type is laid out.
+/// Attribute with which a service states how its type is laid out.
 fn layout_attribute<T: Wire>(service: &str) -> Result<(AttributeKey, AttributeValue), PortError> {
     let text = layout_text(&T::SCHEMA);
     let value = text.as_str().try_into().map_err(PortError::transport(service, "set a key"))?;

@@ -17,7 +17,7 @@ pub enum ServiceKind {
     Clock,
     /// Processes that are ready.
     Hello,
-    /// Who sits where.
+    /// Which process sits where.
     Registry,
 }
 

@@ -36,7 +36,7 @@ pub(super) trait Service<T> {
 
 /// A subscriber, perhaps of those in the registry alone.
 pub(super) trait Reader<T>: Source<T> {
-    /// Lets only pass from now on what comes from where it says it does.
+    /// From now on lets only samples pass that come from the seat that they claim.
     fn guard(&mut self, guard: Guard<T>);
     /// The next sample with its writer's process: identity and process id.
     fn receive_from(&mut self) -> Option<(T, NodeId, u32)>;

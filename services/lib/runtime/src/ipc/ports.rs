@@ -131,7 +131,7 @@ impl<T: Wire + 'static> LatestPort<T> {
 }
 
 impl LatestPort<Progress> {
-    /// Opens the progress of a seat, as told by the process that sits there.
+    /// Opens the progress of a seat, as reported by the process that sits there.
     ///
     /// # Errors
     /// [`PortError`].
@@ -141,7 +141,7 @@ impl LatestPort<Progress> {
 }
 
 impl LatestPort<ClockRecord> {
-    /// Opens the clock, as the launcher tells it.
+    /// Opens the clock, as the launcher publishes it.
     ///
     /// # Errors
     /// [`PortError`].
@@ -235,7 +235,7 @@ impl Bus {
 }
 
 impl Bus {
-    /// Tells a reader of `service` whose samples it takes.
+    /// Sets from which writers a reader of `service` takes samples.
     pub(super) fn guard<T>(
         &self,
         service: &str,
@@ -269,7 +269,7 @@ impl Bus {
         }
     }
 
-    /// Shows who sits where, as far as it is known here now.
+    /// Shows which process sits where, as far as it is known here now.
     ///
     /// # Errors
     /// The run has no registry.

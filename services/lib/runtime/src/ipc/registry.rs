@@ -1,8 +1,8 @@
-//! Who may publish what: the registry, the launcher, and what is received from all others.
+//! Which process may publish what: the registry, the launcher, and what is received from all others.
 //!
 //! A sample counts only if the process that the transport names as its writer sits where the sample
-//! says it does, or is the launcher where the launcher alone writes. Nothing that a writer fills in is believed, and a
-//! stray writer is counted and named.
+//! claims, or is the launcher where the launcher alone writes. Nothing that a writer fills in is
+//! believed, and a stray writer is counted and named.
 
 use super::{Ipc, lead};
 use crate::input::Source;
@@ -12,7 +12,7 @@ use shared_types::{Header, NodeId, Progress, Registry, RegistryEntry, Role, Samp
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Stray writers that are told apart, by service; further ones count with the last.
+/// Stray writers that are counted separately, by service; further ones count with the last.
 const MAX_STRAYS: usize = 64;
 /// Launchers that one process may come to know without allocating.
 const USUAL_LAUNCHERS: usize = 8;
@@ -29,7 +29,7 @@ pub(super) fn node_id(id: UniqueNodeId) -> NodeId {
 /// A process that wrote without sitting where it claimed to.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stray {
-    /// Its process id, as told by the transport.
+    /// Its process id, as reported by the transport.
     pub pid: u32,
     /// Service it wrote on.
     pub service: Rc<str>,
@@ -38,19 +38,21 @@ pub struct Stray {
     node: NodeId,
 }
 
-/// What all readers of a process share, the registry's own included: who leads, and who wrote without a right to.
+/// What all readers of a process share, the registry's own included: which process leads, and which
+/// processes wrote without a right to.
 #[derive(Debug)]
 pub(super) struct Authority {
     leader_file: PathBuf,
-    /// Connections that led when they were first heard: the next launcher does not unsay what one has said.
+    /// Connections that led when their first sample was read: the next launcher does not revoke
+    /// what an earlier one has written.
     leaders: RefCell<Vec<NodeId>>,
-    /// Connections that did not lead when they were first heard, the last of them first.
+    /// Connections that did not lead when their first sample was read, the last of them first.
     refused: RefCell<[NodeId; MAX_REFUSED]>,
     strays: RefCell<Vec<Stray>>,
 }
 
 impl Authority {
-    /// Who leads when a process joins is believed even if the next one leads before its words are heard.
+    /// The process that leads when this one joins is accepted even if the next one leads before its samples are read.
     pub(super) fn new(folder: &Path) -> Self {
         let leader_file = lead::path_in(folder);
         let mut leaders = Vec::with_capacity(USUAL_LAUNCHERS);
@@ -146,7 +148,7 @@ impl RegistryReader {
 /// The registry as all readers of a process share it; opened with the first of them.
 pub(super) type SharedRegistry = Rc<RefCell<Option<RegistryReader>>>;
 
-/// Lets pass what comes from where it says it does.
+/// Lets samples pass that come from the seat that they claim.
 pub(super) struct Guard<T> {
     authority: Rc<Authority>,
     /// None where only the launcher writes, such as the registry.
@@ -163,7 +165,7 @@ impl<T> core::fmt::Debug for Guard<T> {
     }
 }
 
-/// Whose samples a reader takes.
+/// The writers from which a reader takes samples.
 pub(super) enum Accepts<T> {
     /// The launcher's.
     Launcher,
@@ -171,7 +173,7 @@ pub(super) enum Accepts<T> {
     Registered {
         /// The role, and the seat if it matters; none: every process in the registry.
         seats: Option<(Role, Option<u32>)>,
-        /// Whether a sample says the same of its writer as the registry.
+        /// Whether a sample states the same about its writer as the registry.
         claims: fn(&T, &RegistryEntry) -> bool,
     },
 }
@@ -223,7 +225,7 @@ impl<T> Guard<T> {
         Self { authority, registry, service: Rc::from(service), accepts, last: Cell::new(None) }
     }
 
-    /// True if the writer sits where the sample says it does.
+    /// True if the writer sits where the sample claims.
     pub(super) fn passes(&self, id: UniqueNodeId, sample: &T) -> bool {
         let entry = self.entry(id);
         let passes = entry.is_some_and(|entry| match &self.accepts {

@@ -119,7 +119,7 @@ impl StateSink for StatePublisher {
     }
 }
 
-/// Reads states of those who may write them.
+/// Reads states from processes that may write them.
 pub struct StateSubscriber(Box<dyn StateSource>);
 
 /// What is done with a state and the header of its step.

@@ -1,7 +1,7 @@
 //! Turns of the loops of a flight whose clock is moved by its launcher, and what they have made of them.
 //!
 //! Both go through named pipes of the run's folder: an order or an answer is one write of fewer bytes than a pipe keeps
-//! together, and wakes whom it is for.
+//! together, and wakes the process that it is for.
 
 use super::{Bus, PortError};
 use core::time::Duration;
@@ -20,10 +20,10 @@ pub enum Order {
     Turn(TurnKind, u64),
     /// To take what has come to its ports out of them.
     Collect,
-    /// To run each release before an instant that has not run, because the process before it had \[ns\]; the answer tells how
-    /// far it has got.
+    /// To run each release before an instant that has not run, because the process before it had
+    /// \[ns\]; the answer reports how far it has got.
     CatchUp(u64),
-    /// To look who has come and gone; this one is not answered.
+    /// To look which processes have come and gone; this one is not answered.
     LookAround,
     /// To leave if its time on the seat is over; neither is this one.
     Leave,
@@ -40,7 +40,7 @@ pub struct NumberedOrder {
     pub number: u32,
 }
 
-/// An answer, and whose to which order.
+/// An answer, with its process and the order that it belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NumberedAnswer {
     /// By [`Seat::number`].
@@ -114,8 +114,8 @@ impl NumberedOrder {
     }
 
     fn unpack(bytes: &[u8; ORDER]) -> Option<Self> {
-        let [code, at_ns, who] = unpack(bytes);
-        let (generation, number) = halves(who);
+        let [code, at_ns, packed] = unpack(bytes);
+        let (generation, number) = halves(packed);
         let order = match code {
             COLLECT => Order::Collect,
             CATCH_UP => Order::CatchUp(at_ns),
@@ -138,8 +138,8 @@ impl NumberedAnswer {
     }
 
     fn unpack(bytes: &[u8; ANSWER]) -> Option<Self> {
-        let [seat, who, code, at_ns, from_ns, mark_ns] = unpack(bytes);
-        let (generation, number) = halves(who);
+        let [seat, packed, code, at_ns, from_ns, mark_ns] = unpack(bytes);
+        let (generation, number) = halves(packed);
         let answer = (mark_ns != NONE).then(|| Answer {
             next: kind(code).map(|kind| (kind, at_ns)),
             announced_from_ns: Some(from_ns).filter(|from_ns| *from_ns != NONE),

@@ -18,7 +18,7 @@ pub(super) fn run_of_folder(name: &str) -> Option<&str> {
     name.strip_prefix(FOLDER_PREFIX).filter(|id| is_id(id))
 }
 
-/// True of the name of a folder whose run is being founded; it says nothing of the run.
+/// True of the name of a folder whose run is being founded; it gives no information about the run.
 pub(super) fn is_being_founded(name: &str) -> bool {
     name.strip_prefix(FOUNDING_PREFIX).is_some_and(is_id)
 }

@@ -1,8 +1,8 @@
 //! The one segment of the transport that it opens to all users.
 //!
-//! Every node of a run opens it to take a number. Who can write to it, or shorten it, can keep a run's next process from
-//! joining, so that nothing replaces a controller that has died. The transport has no setting for it, but takes the
-//! segment as it finds it; so the run is founded with one that is its owner's alone.
+//! Every node of a run opens it to take a number. A process that can write to it, or shorten it, can keep a run's
+//! next process from joining, so that nothing replaces a controller that has died. The transport has no setting for
+//! it, but takes the segment as it finds it; so the run is founded with one that is its owner's alone.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write as _};

@@ -13,14 +13,15 @@ use std::time::SystemTime;
 
 /// Below the run's folder.
 const SPARE: &str = "spare";
-/// Of the transport's objects in shared memory the one that belongs to a service, and not to a process: who is connected.
+/// Of the transport's objects in shared memory the one that belongs to a service, and not to a
+/// process: it lists the connections.
 const OF_SERVICE: &str = "dynamic";
 
 /// Links to the files of the services that a run has.
 #[derive(Debug)]
 pub struct SpareLinks {
     folder: PathBuf,
-    /// The folder of the transport that says which services there are.
+    /// The folder of the transport that lists the services.
     services: PathBuf,
     /// When that folder was changed last, as far as it is known.
     changed: Option<SystemTime>,

@@ -15,7 +15,7 @@ impl Process<'_> {
                 return ending;
             }
             let before_ns = self.executor.mark_ns();
-            // Time never ends before what was once allowed, so an older word is as good until then.
+            // Time never ends before what was once allowed, so an older record is as good until then.
             if before_ns >= clock.allowed_ns.min(clock.end_ns) || self.timed_out {
                 clock = self.read_clock();
                 // Whatever was decided before time was allowed is known from here on.

@@ -34,7 +34,7 @@ impl Process<'_> {
     fn pass(&mut self, wall: WallMap, timing: Option<&Timing>) -> Option<Ending> {
         if let Some(ending) = self.stop_requested() {
             if ending == Ending::LauncherGone {
-                // No launcher says that this one has left, and others may stay for longer.
+                // No launcher reports that this one has left, and others may stay for longer.
                 self.announce(self.executor.mark_ns(), u64::MAX);
             }
             return Some(ending);

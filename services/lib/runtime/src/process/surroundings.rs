@@ -1,4 +1,4 @@
-//! Whom a process waits for, whom it wakes, and who commands the slots around it.
+//! Which processes one waits for and wakes, and which seats command the slots around it.
 
 use super::Process;
 use crate::graph::{Graph, Node, Roles};
@@ -59,11 +59,11 @@ impl SlotReader {
 }
 
 impl Process<'_> {
-    /// Learns who has come and gone, and who owns which slot from when.
+    /// Learns which processes have come and gone, and which seat owns which slot from when.
     pub(super) fn look_around(&mut self) {
         let (marks, neighbours) = (&mut self.marks, &mut self.neighbours);
         let (mut has_come, mut registered) = (false, 0_u64);
-        // Without a registry no process would be heard, so the ports could not have been opened.
+        // Without a registry no sample would be accepted, so the ports could not have been opened.
         let _ = self.bus.read_registry(|entries| {
             marks.learn_registry(entries);
             registered = fingerprint(entries);
@@ -108,7 +108,7 @@ impl Process<'_> {
                 && self.marks.concerns(role, index)
             {
                 // A restarted producer starts again below what its predecessor finished, and the
-                // words of both may be waiting here in any order.
+                // reports of both may be waiting here in any order.
                 let (marks, opened_mono_ns) = (&mut self.marks, self.opened_mono_ns);
                 progress.for_each_new(|progress| {
                     if marks.hear(neighbour.seat, progress, opened_mono_ns) {
@@ -122,7 +122,7 @@ impl Process<'_> {
     /// Publishes the mark and wakes those whose next release it may unblock.
     pub(super) fn announce(&mut self, before_ns: u64, after_ns: u64) {
         self.serve_and_send(after_ns);
-        self.wake_whom(|graph, from| graph.wakes(from, before_ns, after_ns).collect());
+        self.wake_roles(|graph, from| graph.wakes(from, before_ns, after_ns).collect());
     }
 
     /// Wakes those whose next release the mark may unblock, and the quiet ones among them only if it is time.
@@ -131,19 +131,19 @@ impl Process<'_> {
             let may_be_quiet = self.graph.quiet_limit_ns(node.role) > 0;
             if may_be_quiet { self.marks.woken_from_ns(node) } else { 0 }
         };
-        self.wake_whom(|graph, from| {
+        self.wake_roles(|graph, from| {
             graph.lockstep_wakes(from, before_ns, after_ns, woken_from_ns).collect()
         });
     }
 
     /// Wakes the processes of some roles. None waits for a shadow; and one that runs at another rate
     /// than the graph's is always worth waking.
-    fn wake_whom(&self, whom: impl Fn(&Graph, Role) -> Roles) {
+    fn wake_roles(&self, roles_of: impl Fn(&Graph, Role) -> Roles) {
         let Seat { role, index } = self.seat;
         if !self.marks.concerns(role, index) {
             return;
         }
-        let roles = whom(&self.graph, role);
+        let roles = roles_of(&self.graph, role);
         for neighbour in &self.neighbours {
             let Some((_, period_ns)) = neighbour.present else { continue };
             let role = neighbour.seat.role;
@@ -169,7 +169,7 @@ impl Process<'_> {
     }
 }
 
-/// Tells one set of registered processes from another.
+/// Distinguishes one set of registered processes from another.
 fn fingerprint(entries: &[RegistryEntry]) -> u64 {
     let mut bytes = [0; 16];
     entries.iter().filter(|entry| entry.present.is_set()).fold(0, |hash, entry| {

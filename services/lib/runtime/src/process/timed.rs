@@ -24,7 +24,7 @@ impl Process<'_> {
             }
             let order = turns.await_order(WAIT_LIMIT);
             self.look_around();
-            // One that has flown to the end may be told to leave its seat before all may leave.
+            // One that has flown to the end may be ordered to leave its seat before all may leave.
             let clock = self.read_clock();
             if clock.may_leave.is_set() && self.executor.mark_ns() >= clock.end_ns {
                 return Ending::Finished;
@@ -75,7 +75,7 @@ impl Process<'_> {
         };
         let answer = own.take_turn(turn, &mut self.executor, &around, |_| ());
         if answer.announced_from_ns.is_some() {
-            // The launcher says who is woken, when that one's turn is.
+            // The launcher wakes each process when its turn comes.
             self.serve_and_send(answer.mark_ns);
         }
         answer

@@ -1,4 +1,4 @@
-//! Whose samples count: those of processes in the registry, and of the launcher where it alone writes.
+//! Which samples count: those of processes in the registry, and of the launcher where it alone writes.
 
 use runtime::executor::StateSink as _;
 use runtime::ipc::{
@@ -82,27 +82,27 @@ fn only_those_on_the_roll_are_heard_and_strays_are_counted_with_their_process() 
     let mut run = Run::found("registry");
     let _topic = run.launcher.create_topic(&topics::POSE_FIX).unwrap();
     let mut reader = run.launcher.reader(&topics::POSE_FIX, Role::Plant).unwrap();
-    let mut says =
+    let mut writers =
         [&run.plant, &run.stranger].map(|bus| bus.writer(&topics::POSE_FIX).expect("a writer"));
-    let mut say = |who: usize, sequence, seat, generation| {
+    let mut send = |index: usize, sequence, seat, generation| {
         let header = Header { sequence, seat, generation, ..Header::default() };
-        says[who].send(&PoseFix { header, ..PoseFix::default() });
+        writers[index].send(&PoseFix { header, ..PoseFix::default() });
     };
-    let mut heard = || {
+    let mut received = || {
         let next = core::iter::from_fn(|| reader.receive());
         next.map(|sample| sample.header.sequence).collect::<Vec<_>>()
     };
-    say(0, 1, 0, 2);
-    assert_eq!(heard(), [], "no process is in the registry");
+    send(0, 1, 0, 2);
+    assert_eq!(received(), [], "no process is in the registry");
     run.enter_plant();
-    say(0, 2, 0, 2);
-    say(1, 3, 0, 2);
-    say(0, 4, 1, 2);
-    say(0, 5, 0, 3);
-    say(0, 6, 0, 2);
-    assert_eq!(heard(), [2, 6], "neither a stranger nor a forged seat or generation");
-    let told = [3, 1].map(|samples| ("pose_fix".to_owned(), samples));
-    assert_eq!(run.strays(), told);
+    send(0, 2, 0, 2);
+    send(1, 3, 0, 2);
+    send(0, 4, 1, 2);
+    send(0, 5, 0, 3);
+    send(0, 6, 0, 2);
+    assert_eq!(received(), [2, 6], "neither a stranger nor a forged seat or generation");
+    let expected = [3, 1].map(|samples| ("pose_fix".to_owned(), samples));
+    assert_eq!(run.strays(), expected);
 }
 
 #[test]
@@ -129,9 +129,9 @@ fn a_roll_counts_only_from_the_connection_that_leads() {
     let header = Header { generation: GENERATION, ..Header::default() };
     poses.send(&PoseFix { header, ..PoseFix::default() });
     assert!(reader.receive().is_none());
-    let told: Vec<_> =
+    let strays: Vec<_> =
         run.plant.strays().iter().map(|stray| (stray.service.to_string(), stray.samples)).collect();
-    assert_eq!(told, [("registry".to_owned(), 1), ("pose_fix".to_owned(), 1)]);
+    assert_eq!(strays, [("registry".to_owned(), 1), ("pose_fix".to_owned(), 1)]);
 }
 
 #[test]
@@ -140,32 +140,32 @@ fn a_state_counts_only_from_its_seat_and_reaches_a_late_joiner_whole() {
     run.enter_plant();
     let kind = ServiceKind::State(PLANT);
     let _service: StateService = run.launcher.create_state_service(kind, 8).unwrap();
-    let mut says = [&run.plant, &run.stranger]
+    let mut writers = [&run.plant, &run.stranger]
         .map(|bus| StatePublisher::open(bus, kind, 5_000).expect("a writer"));
     let bytes: Vec<u8> = (0..5_000_u32).map(|i| i.to_le_bytes()[0] ^ 0x5a).collect();
-    let mut say = |who: usize, sequence, seat, generation, state: &[u8]| {
+    let mut send = |index: usize, sequence, seat, generation, state: &[u8]| {
         let header = Header { sequence, seat, generation, ..Header::default() };
-        says[who].send(&header, state);
-        says[who].serve_late_joiners();
+        writers[index].send(&header, state);
+        writers[index].serve_late_joiners();
     };
-    say(0, 1, 0, GENERATION, &bytes[..10]);
-    say(0, 2, 0, GENERATION, &bytes);
+    send(0, 1, 0, GENERATION, &bytes[..10]);
+    send(0, 2, 0, GENERATION, &bytes);
     let mut subscriber = StateSubscriber::of_seat(&run.launcher, PLANT).unwrap();
-    let mut heard = || {
+    let mut received = || {
         let mut seen = Vec::new();
         while subscriber.receive(|header, state| seen.push((header.sequence, state.len()))) {}
         seen
     };
-    // The writers look for readers that have joined when they are told to.
-    for who in 0..2 {
-        say(who, u64::MAX - 1, 9, GENERATION, &[]);
+    // Writers look for new readers only when asked to.
+    for index in 0..2 {
+        send(index, u64::MAX - 1, 9, GENERATION, &[]);
     }
-    assert_eq!(heard(), [(2, 5_000)]);
-    say(1, u64::MAX, 0, GENERATION, &[0xff; 10]);
-    say(0, 3, 1, GENERATION, &[]);
-    say(0, 4, 0, GENERATION + 1, &[]);
-    say(0, 5, 0, GENERATION, &bytes[..3]);
-    assert_eq!(heard(), [(5, 3)], "neither a stranger nor a forged seat or generation");
+    assert_eq!(received(), [(2, 5_000)]);
+    send(1, u64::MAX, 0, GENERATION, &[0xff; 10]);
+    send(0, 3, 1, GENERATION, &[]);
+    send(0, 4, 0, GENERATION + 1, &[]);
+    send(0, 5, 0, GENERATION, &bytes[..3]);
+    assert_eq!(received(), [(5, 3)], "neither a stranger nor a forged seat or generation");
 }
 
 #[test]
@@ -199,25 +199,29 @@ fn clock_and_handovers_count_only_from_who_leads_or_has_led() {
     let mut clock = LatestPort::clock(&run.plant).unwrap();
     let mut handover = StateSubscriber::handovers(&run.plant, PLANT).unwrap();
     let successor = run.join("launcher");
-    let mut speakers = [&run.launcher, &run.stranger, &run.plant, &successor].map(|bus| {
+    let mut writers = [&run.launcher, &run.stranger, &run.plant, &successor].map(|bus| {
         let clock = bus.open_writer::<ClockRecord>(ServiceKind::Clock).expect("a writer");
         (clock, StatePublisher::open(bus, kind, 4).expect("a writer"))
     });
-    let mut hear = |who: usize, number: u64| {
-        let (speaks, hands_over) = &mut speakers[who];
-        speaks.send(&ClockRecord { end_ns: number, ..ClockRecord::default() });
-        hands_over.send(&Header { sequence: number, ..Header::default() }, &[0; 4]);
-        let (mut told, mut handed) = (None, None);
-        clock.for_each_new(|record| told = Some(record.end_ns));
+    let mut receive = |index: usize, number: u64| {
+        let (clock_writer, handover_writer) = &mut writers[index];
+        clock_writer.send(&ClockRecord { end_ns: number, ..ClockRecord::default() });
+        handover_writer.send(&Header { sequence: number, ..Header::default() }, &[0; 4]);
+        let (mut end_ns, mut handed) = (None, None);
+        clock.for_each_new(|record| end_ns = Some(record.end_ns));
         while handover.receive(|header, _| handed = Some(header.sequence)) {}
-        assert_eq!(told, handed);
-        told
+        assert_eq!(end_ns, handed);
+        end_ns
     };
-    assert_eq!(hear(0, 1), Some(1));
-    assert_eq!((hear(1, 2), hear(2, 3)), (None, None), "neither leads, in the registry or not");
+    assert_eq!(receive(0, 1), Some(1));
+    assert_eq!(
+        (receive(1, 2), receive(2, 3)),
+        (None, None),
+        "neither leads, in the registry or not"
+    );
     successor.lead().unwrap();
-    assert_eq!(hear(3, 4), Some(4));
-    assert_eq!(hear(0, 5), Some(5), "what a launcher said before the next one led still counts");
+    assert_eq!(receive(3, 4), Some(4));
+    assert_eq!(receive(0, 5), Some(5), "what a launcher said before the next one led still counts");
     run.stranger.lead().unwrap();
-    assert_eq!(hear(1, 6), None, "who spoke before it led never leads");
+    assert_eq!(receive(1, 6), None, "who spoke before it led never leads");
 }

@@ -122,20 +122,20 @@ fn a_service_is_made_only_of_a_type_that_has_ports() {
 fn a_port_waits_until_its_full_service_admits_it() {
     let run = join("full");
     let _factory = run.bus.create_topic(&topics::POSE_FIX).unwrap();
-    let (say_filled, filled) = mpsc::channel();
-    let (say_leave, leave) = mpsc::channel::<()>();
+    let (send_filled, filled) = mpsc::channel();
+    let (send_leave, leave) = mpsc::channel::<()>();
     thread::scope(|scope| {
         scope.spawn(move || {
             let others = join("others");
             let writers = core::iter::from_fn(|| others.bus.writer(&topics::POSE_FIX).ok());
             let writers: Vec<_> = writers.collect();
-            say_filled.send(writers.len()).expect("it is waited for");
+            send_filled.send(writers.len()).expect("it is waited for");
             leave.recv().expect("it is told");
         });
         assert!(filled.recv().expect("it fills the service") > 0);
         let refused = run.bus.writer(&topics::POSE_FIX).expect_err("it is full");
         assert!(matches!(refused, PortError::Full { .. }), "{refused}");
-        say_leave.send(()).expect("it waits");
+        send_leave.send(()).expect("it waits");
         let Joined { bus, _stay } = join("waiting");
         bus.waiting_for_room().writer(&topics::POSE_FIX).expect("there is room again");
     });

@@ -286,7 +286,7 @@ fn without_a_fallback_a_tripped_owner_is_not_followed_while_another_can_be_start
     assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);
     assert_eq!(alone.decide(10, true, true), Source::Neither);
     assert!(alone.tripped() && !alone.failed_over());
-    // A fallback that has not spoken yet takes over with its first command, and nothing is followed before.
+    // A fallback that has not published yet takes over with its first command, and nothing is followed before.
     alone.advance(50);
     assert_eq!(alone.decide(50, true, false), Source::Owner, "it may be another process");
     assert_eq!(alone.trip(2, A, 51), Tripped::ToFallback);
@@ -299,7 +299,7 @@ fn a_trip_by_a_refused_or_later_record_counts_if_the_owner_is_the_same() {
     let mut late = consumer(&[record(1, 0, 0, Some(1))]);
     late.advance(0);
     assert_eq!(late.decide(10, true, false), Source::Owner);
-    // The fallback has died, and the record that says so comes too late.
+    // The fallback has died, and the record that states this comes too late.
     assert_eq!(late.take_record(&record(2, 5, 0, None)), Taken::Late);
     assert_eq!(late.trip(2, A, 11), Tripped::ToFallback);
     assert_eq!(late.decide(11, true, false), Source::Neither);

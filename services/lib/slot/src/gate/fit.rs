@@ -13,7 +13,7 @@ const ROUNDING: f64 = 1e-9;
 pub struct Estimate {
     /// Best guess.
     pub value: f64,
-    /// Three standard errors; infinite if the series is too short to say.
+    /// Three standard errors; infinite if the series is too short to estimate it.
     pub margin: f64,
 }
 

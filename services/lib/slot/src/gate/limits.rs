@@ -37,7 +37,7 @@ pub struct GateLimits {
     /// Standard deviation of the owner's free commands, over the largest, below which a slope would be
     /// that of a settling tail or of rounding and is not asked.
     pub activity_min: f64,
-    /// Commands are averaged over this time before the slope is asked, and who was off may be so for as
+    /// Commands are averaged over this time before the slope is asked, and a loop that was off may be so for as
     /// long \[ns\].
     pub block_ns: u64,
     /// Fewest instants to compare in each phase that there is.

@@ -7,7 +7,7 @@
 //!
 //! All disagreement is `|u_candidate − u_owner|` per axis over the largest command. What noise alone
 //! could have made is held against no candidate: means and slopes are judged by more than their margins
-//! (`fit.rs`). [`GateLimits`] says how much is allowed and why.
+//! (`fit.rs`). [`GateLimits`] states how much is allowed and why.
 
 mod fit;
 mod limits;
@@ -125,7 +125,7 @@ impl Gate {
     /// nothing to compare with, but the candidate's is still judged.
     ///
     /// # Errors
-    /// The candidate did what no controller may do; the verdict will say the same.
+    /// The candidate did what no controller may do; the verdict will be the same.
     pub fn compare(&mut self, phase: Phase, pair: &Pair) -> Result<(), Refusal> {
         self.last_ns = pair.effective_ns;
         for (axis, value) in self.axes.iter().zip(pair.candidate) {
@@ -187,7 +187,7 @@ impl Gate {
         }
     }
 
-    /// Whether the candidate may fly. What no controller may do is told first, then missing
+    /// Whether the candidate may fly. What no controller may do is reported first, then missing
     /// deadlines, then disagreement, one step ahead before running free.
     ///
     /// # Errors

@@ -100,7 +100,7 @@ impl SlotMachine {
         }
     }
 
-    /// The gate's word. One that lets the candidate through counts only when asked for.
+    /// Takes the gate's verdict. One that lets the candidate through counts only when asked for.
     pub(super) fn verdict(
         &mut self,
         now: Now,
@@ -175,7 +175,7 @@ impl SlotMachine {
         };
         let force = matches!(goal, Goal::Swap(order) if order.force);
         match verdict {
-            Ok(words) => step(out, Step::Rehearsed(seat, words)),
+            Ok(outcome) => step(out, Step::Rehearsed(seat, outcome)),
             Err(refusal) if force => step(out, Step::RehearsalForced(seat, refusal)),
             Err(refusal) => return self.abort(now, seat, Reason::Rehearsal(refusal), out),
         }
@@ -326,7 +326,7 @@ impl SlotMachine {
         }
     }
 
-    /// Its seat is to be left; the record that says so must follow.
+    /// Its seat is to be left; the record that states this must follow.
     pub(super) fn dismiss(&mut self, seat: Seat, out: &mut Vec<Action>) {
         if let InstanceState::Seated(program, _) = *self.instances.state(seat) {
             self.instances.set(seat, InstanceState::Leaving(program));

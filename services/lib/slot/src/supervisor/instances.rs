@@ -1,4 +1,4 @@
-//! Who sits where, from the supervisor's side.
+//! Which process sits where, from the supervisor's side.
 
 use crate::record::{SEATS, Seat};
 
@@ -117,7 +117,7 @@ impl Instance {
     #[must_use]
     pub fn period_ns(&self) -> u64 {
         let rate = u128::from(self.millihertz);
-        // A period of 0 would say that no process sits there.
+        // A period of 0 would mean that no process sits there.
         if rate == 0 { 1 } else { u64::try_from(SECOND.div_ceil(rate)).unwrap_or(u64::MAX) }
     }
 

@@ -3,7 +3,7 @@
 use super::instances::Instance;
 use crate::record::{Record, Seat};
 
-/// Records remembered, to know who is meant by an epoch in the consumer's report.
+/// Records remembered, to find the owner that an epoch in the consumer's report refers to.
 const REMEMBERED: usize = 6;
 
 /// A record that waits for its confirmation.
@@ -22,7 +22,7 @@ pub(super) struct Ledger {
     /// (epoch, owner's seat), newest first.
     owners: [Option<(u64, Seat)>; REMEMBERED],
     pub(super) outstanding: Option<Outstanding>,
-    /// Whom the consumer follows, as far as it has told.
+    /// The seat that the consumer follows, as far as it has reported.
     pub(super) in_force: Option<(Seat, Instance)>,
 }
 
@@ -55,7 +55,7 @@ impl Ledger {
         self.outstanding = Some(outstanding);
     }
 
-    /// Who owned the slot in an epoch.
+    /// The seat that owned the slot in an epoch.
     pub(super) fn owner_of(&self, epoch: u64) -> Option<Seat> {
         self.owners.iter().flatten().find(|(of, _)| *of == epoch).map(|(_, seat)| *seat)
     }

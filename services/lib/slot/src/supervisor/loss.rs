@@ -34,7 +34,7 @@ impl SlotMachine {
         }
     }
 
-    /// The dead have left their seats: who waited for that can go on.
+    /// The dead process has left its seat: what waited for that can go on.
     fn reap(&mut self, now: Now, seat: Seat) {
         match &mut self.phase {
             Phase::Ownerless { seat: owner, at_ns } if *owner == seat => {
@@ -59,7 +59,7 @@ impl SlotMachine {
     }
 
     /// The consumer left the owner of `epoch` for the fallback. The owner may still run, as one that commands what is
-    /// no number does: it leaves in order, so that what it says until then is the same in every flight.
+    /// no number does: it leaves in order, so that what it publishes until then is the same in every flight.
     pub(super) fn failed_over(&mut self, now: Now, epoch: u64, at_ns: u64, out: &mut Vec<Action>) {
         let Some(seat) = self.ledger.owner_of(epoch) else { return };
         // A process that sits there since has nothing to do with it.
@@ -133,7 +133,7 @@ impl SlotMachine {
         }
     }
 
-    /// A process that was starting or seated is out; its state says so already.
+    /// A process that was starting or seated is out; its state shows this already.
     fn lost(&mut self, now: Now, seat: Seat, fault: Fault, at_ns: u64, out: &mut Vec<Action>) {
         let stood_by = self.standby.is_some_and(|standby| standby.seat == Some(seat));
         self.forget_standby(seat);
@@ -158,15 +158,15 @@ impl SlotMachine {
             Phase::Steady { .. } if stood_by => {
                 self.settle(at_ns);
                 self.count_standby_loss(false, out);
-                self.say_again(now, at_ns, out);
+                self.republish(now, at_ns, out);
             }
-            _ if stood_by => self.say_again(now, at_ns, out),
+            _ if stood_by => self.republish(now, at_ns, out),
             _ => {}
         }
     }
 
-    /// The same owner, without who has been lost.
-    fn say_again(&mut self, now: Now, at_ns: u64, out: &mut Vec<Action>) {
+    /// Publishes the same owner again, without the process that has been lost.
+    fn republish(&mut self, now: Now, at_ns: u64, out: &mut Vec<Action>) {
         if let Some(owner) = self.ledger.owner().filter(|seat| self.instances.is_seated(*seat)) {
             self.publish(now, owner, Some(at_ns), out);
         }

@@ -1,4 +1,4 @@
-//! What the supervisor is told, and what it wants done.
+//! The events that the supervisor receives, and the actions that it requests.
 
 use super::instances::{Instance, Program};
 use super::reason::{Fault, RehearsalRefusal};
@@ -16,7 +16,7 @@ pub struct Now {
     pub allowed_ns: u64,
 }
 
-/// Who is to command.
+/// What is to command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Target {
     /// A new instance of a program.
@@ -54,8 +54,8 @@ pub enum Request {
     /// An instance that does not command is to leave.
     Retire(Seat),
     /// Keep an instance of this program warm beside the owner: it shadows for this long \[ns\], is
-    /// flown ahead if the flag says so, is
-    /// judged, and then is the fallback, again and again if it dies.
+    /// flown ahead if the flag is set, is judged, and then is the fallback, again and again if it
+    /// dies.
     Standby(Program, u64, bool),
 }
 
@@ -67,7 +67,7 @@ pub struct Rehearsed {
     /// The vehicle has left the tube of the rehearsal since then, so that its answer is about another
     /// flight than the one at hand.
     pub left_tube: bool,
-    /// Whether the candidate may fly; if so in words what it did.
+    /// Whether the candidate may fly; if so, a description of what it did.
     pub verdict: Result<String, RehearsalRefusal>,
 }
 
@@ -114,13 +114,13 @@ pub enum Event {
         at_ns: u64,
     },
     /// Neither the owner of `epoch` nor a fallback has given the consumer a usable command since
-    /// `since_ns`; said again and again until it ends.
+    /// `since_ns`; repeated until it ends.
     Unguided {
         /// Epoch in effect.
         epoch: u64,
         /// First instant without one \[ns\].
         since_ns: u64,
-        /// Instant of this word \[ns\].
+        /// Instant of this report \[ns\].
         at_ns: u64,
     },
     /// The monitor hangs: nothing watches the owner any more.
@@ -145,7 +145,7 @@ pub enum Action {
     HandOver {
         /// Its seat.
         seat: Seat,
-        /// Whose last state it restores; `None`: it starts from nothing and tracks.
+        /// The seat whose last state it restores; `None`: it starts from nothing and tracks.
         state_of: Option<Seat>,
         /// Its first release is the first at or after this instant \[ns\].
         join_ns: u64,
@@ -162,6 +162,6 @@ pub enum Action {
     AwaitExit(Seat),
     /// Kill the process on this seat; [`Event::Died`] must follow.
     Kill(Seat),
-    /// Tell whom it concerns.
+    /// Pass this report on to those that it concerns.
     Report(Report),
 }

@@ -1,6 +1,6 @@
 //! The supervisor's side: one state machine per slot, events in, actions out.
 //!
-//! It reads no clock: each event comes with the time, and [`SlotMachine::deadline_ns`] says when the next
+//! It reads no clock: each event comes with the time, and [`SlotMachine::deadline_ns`] gives when the next
 //! [`Event::Time`] is due. In lockstep allowed time must stop exactly there, and stand still while
 //! [`SlotMachine::holds_time`]; then every instant in a record follows from script and flight alone.
 //!
@@ -132,7 +132,7 @@ pub struct SlotMachine {
     ledger: Ledger,
     phase: Phase,
     standby: Option<Standby>,
-    /// What the flight began with, and who is started when nothing else holds.
+    /// The program that the flight began with, and that is started when nothing else holds.
     home: Program,
     /// When an owner of another program was last started again \[ns\].
     restarted_ns: Option<u64>,
@@ -184,8 +184,8 @@ impl SlotMachine {
         owner: Program,
         seated: [Option<(Program, Instance)>; SEATS],
     ) -> (Self, Vec<Action>) {
-        let state = |who: Option<(Program, Instance)>| {
-            who.map_or(InstanceState::Free, |(program, instance)| {
+        let state = |process: Option<(Program, Instance)>| {
+            process.map_or(InstanceState::Free, |(program, instance)| {
                 InstanceState::Seated(program, instance)
             })
         };
@@ -332,7 +332,7 @@ impl SlotMachine {
         }
     }
 
-    /// Who sits on a seat; none before the process is there.
+    /// The process on a seat; none before it is there.
     #[must_use]
     pub fn instance(&self, seat: Seat) -> Option<&Instance> {
         self.instances.instance(seat)

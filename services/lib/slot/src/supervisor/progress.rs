@@ -1,8 +1,8 @@
-//! How far a slot is, as it is told.
+//! How far a slot is, as it is reported.
 
 use crate::record::Seat;
 
-/// How far a slot is, for who looks on.
+/// How far a slot is, for observers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Progress {
     /// The owner commands and nothing is under way.
@@ -26,7 +26,7 @@ pub enum Progress {
 }
 
 impl Progress {
-    /// In a word.
+    /// As one keyword.
     #[must_use]
     pub fn label(self) -> &'static str {
         match self {

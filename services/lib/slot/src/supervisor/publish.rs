@@ -25,7 +25,7 @@ impl SlotMachine {
                 now.logical_ns.saturating_add(ahead_ns)
             }
         };
-        // Instants never go back, so the last word on any of them is the newest record's.
+        // Instants never go back, so the newest record decides about each of them.
         open_ns.max(self.ledger.effective_ns())
     }
 
@@ -53,7 +53,7 @@ impl SlotMachine {
         let effective_ns = match (self.ledger.in_force, self.instances.instance(owner)) {
             // Nothing has flown yet.
             _ if self.ledger.newest().is_none() => now.allowed_ns,
-            // One that was started again has no command to flip at: its words count from now on.
+            // One that was started again has no command to flip at: its samples count from now on.
             (Some((seat, _)), Some(instance)) if seat != owner => {
                 instance.effective_at_or_after(open_ns.saturating_add(self.margin_ns()))
             }
@@ -91,7 +91,7 @@ impl SlotMachine {
         }
     }
 
-    /// Who is to take over from `owner`: around a flip the other one of the two, else the standby.
+    /// The seat that is to take over from `owner`: around a flip the other one of the two, else the standby.
     pub(super) fn fallback(&self, owner: Seat) -> Option<Seat> {
         let other = match self.phase {
             Phase::Flipping { new, old, .. } | Phase::Window { new, old, .. } => {
@@ -148,7 +148,7 @@ impl SlotMachine {
         }
         match self.phase {
             Phase::Flipping { new, old, epoch: from, order, .. } if epoch >= from => {
-                // The consumer tells it at its next step; its record says from when on.
+                // The consumer reports it at its next step; its record states from when on.
                 let record = self.ledger.newest().filter(|record| record.epoch == epoch);
                 let since_ns = record.map_or(at_ns, |record| record.effective_ns.min(at_ns));
                 step(out, Step::Flipped { seat: new, epoch, at_ns: since_ns });

@@ -33,10 +33,10 @@ pub enum Fault {
 /// Why a rehearsal does not let a candidate fly.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum RehearsalRefusal {
-    /// Flown ahead, it leaves the tube or loses the vehicle; in words, with number and limit.
+    /// Flown ahead, it leaves the tube or loses the vehicle; described with number and limit.
     #[error("flown ahead, {0} (`--force`, in a script `force`, overrides it)")]
     Fails(String),
-    /// There is no answer; the words say why.
+    /// There is no answer; the text states why.
     #[error("not rehearsed: {0} (`--no-rehearsal`, in a script `no-rehearsal`, skips it)")]
     NotRehearsed(String),
 }

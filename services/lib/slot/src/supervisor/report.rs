@@ -1,11 +1,11 @@
-//! What the supervisor has to tell: the steps on the way, and the ends.
+//! What the supervisor reports: the steps on the way, and the ends.
 
 use super::instances::Program;
 use super::reason::{Fault, Reason, RehearsalRefusal};
 use crate::gate::{GateFigures, Refusal};
 use crate::record::Seat;
 
-/// Something to record and to tell.
+/// Something to record and to report.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Report {
     /// Answers the request that was just made, and nothing has changed.
@@ -36,7 +36,7 @@ pub enum Step {
     Passed(Seat, Box<GateFigures>),
     /// The gate did not, and was overruled.
     Forced(Seat, Refusal),
-    /// It is being flown ahead, for the second time if the flag says so.
+    /// It is being flown ahead, for the second time if the flag is set.
     Rehearses(Seat, bool),
     /// Flown ahead, it did this.
     Rehearsed(Seat, String),
@@ -44,9 +44,9 @@ pub enum Step {
     RehearsalForced(Seat, RehearsalRefusal),
     /// The last proven owner stays as the fallback of one that is watched.
     FallbackStays {
-        /// Who stays.
+        /// The seat that stays.
         seat: Seat,
-        /// Who commands.
+        /// The seat that commands.
         owner: Seat,
     },
     /// It will be watched, and there will be no process to go back to once its window is over.
@@ -69,7 +69,7 @@ pub enum Step {
         /// When \[ns\].
         at_ns: u64,
     },
-    /// A record came too late or was not acknowledged; this one says the same for a later instant.
+    /// A record came too late or was not acknowledged; this one states the same for a later instant.
     TriedAgain {
         /// Epoch of the new record.
         epoch: u64,
@@ -138,7 +138,7 @@ impl core::fmt::Display for Step {
             Self::Rehearses(seat, true) => {
                 write!(f, "{seat} is flown ahead again, from where the vehicle is now")
             }
-            Self::Rehearsed(seat, words) => write!(f, "{seat} has been flown ahead: {words}"),
+            Self::Rehearsed(seat, outcome) => write!(f, "{seat} has been flown ahead: {outcome}"),
             Self::RehearsalForced(seat, refusal) => {
                 write!(f, "{seat} is let through by force: {refusal}")
             }

@@ -9,7 +9,7 @@ fn level() -> Pose {
     Pose { position_w_m: Vector3::zeros(), q_wb: UnitQuaternion::identity() }
 }
 
-/// Moves along x at 1 m/s, so that a position tells when it was true.
+/// Moves along x at 1 m/s, so that a position shows when it was true.
 fn moving(now_ns: u64) -> Pose {
     Pose { position_w_m: Vector3::new(now_ns as f64 * 1e-9, 0.0, 0.0), ..level() }
 }

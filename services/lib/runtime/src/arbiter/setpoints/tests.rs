@@ -3,7 +3,7 @@ use shared_types::Header;
 
 const MS: u64 = 1_000_000;
 
-fn said(valid_ns: u64, seat: u32) -> AppliedSetpoint {
+fn report(valid_ns: u64, seat: u32) -> AppliedSetpoint {
     let header = Header { sequence: valid_ns + 1, valid_ns, seat, ..Header::default() };
     AppliedSetpoint { header, ..AppliedSetpoint::default() }
 }
@@ -21,7 +21,7 @@ fn in_command(samples: &[(u64, u32)], plant: Option<&AppliedCommand>) -> Option<
         });
     }
     for &(valid_ns, seat) in samples {
-        setpoints.offer(said(valid_ns, seat));
+        setpoints.offer(report(valid_ns, seat));
     }
     records.accept(100, None);
     setpoints.accept(100, None);
@@ -144,8 +144,8 @@ fn after_a_trip_it_is_level_until_the_fallback_has_seen_that_for_two_periods() {
         let command = slot
             .take(now_ns, &records, &setpoints, &trips, &Input::default())
             .expect("a set point");
-        let is_told = slot.applied().tripped.is_set();
-        taken.push((command.sequence, command.value[1], is_told));
+        let is_reported = slot.applied().tripped.is_set();
+        taken.push((command.sequence, command.value[1], is_reported));
     }
     let owners = [1, 11, 21].map(|sequence| (sequence, 0.3, false));
     let fallbacks = [51, 61, 71].map(|sequence| (sequence, 0.1, true));
@@ -191,6 +191,6 @@ fn a_tripped_owners_set_point_is_not_carried_over_to_the_next_owner() {
         let command = slot.take(now_ns, &records, &setpoints, &trips, &Input::default());
         taken.push(command.map(|command| command.value[1]));
     }
-    // The owner of the second record has said nothing yet: the last one stays, and that is level.
+    // The owner of the second record has published nothing yet: the last one stays, and that is level.
     assert_eq!(taken, [Some(0.3), Some(0.0), None, None]);
 }

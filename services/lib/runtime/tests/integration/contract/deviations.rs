@@ -1,4 +1,4 @@
-//! What a step tells of inputs that were not what edges and time prescribe.
+//! What a step reports about inputs that were not what edges and time prescribe.
 
 use core::cell::RefCell;
 use runtime::executor::StepStamps;
@@ -27,13 +27,13 @@ inputs! {
 outputs! {
     /// Never written.
     pub struct Outputs {
-        /// For the form's sake.
+        /// Declared because a service needs an output.
         state_estimate: StateEstimate = topics::STATE_ESTIMATE,
     }
 }
 
 shared_types::memory! {
-    /// None to speak of.
+    /// Only a step count.
     struct Memory {
         steps: u64,
     }
@@ -103,11 +103,11 @@ impl Bench {
 
     /// A sample in effect at its millisecond, with the sequence that follows from it.
     fn arrives(&self, sequence: u64) {
-        self.says((0, 0), sequence, sequence - 1);
+        self.publish((0, 0), sequence, sequence - 1);
     }
 
-    /// A sample of who has a seat, with its generation there, in effect at a millisecond.
-    fn says(&self, (seat, generation): (u32, u32), sequence: u64, instant_ms: u64) {
+    /// A sample of the process on a seat, with its generation there, in effect at a millisecond.
+    fn publish(&self, (seat, generation): (u32, u32), sequence: u64, instant_ms: u64) {
         let instant_ns = instant_ms * MS;
         let header = Header {
             seat,
@@ -120,7 +120,7 @@ impl Bench {
         self.imu.borrow_mut().push_back(Imu { header, ..Imu::default() });
     }
 
-    /// Lets the samples come along an arrow whose producers have numbers of their own.
+    /// Connects the input to an edge on which each producer numbers its own samples.
     fn comes_from_a_slot(&mut self) {
         let edge = Edge::unwaited(&topics::WRENCH_COMMAND.info, Role::Estimator);
         let input = self.executor.component.input(&topics::IMU).expect("it reads that");
@@ -130,10 +130,10 @@ impl Bench {
     fn step(&mut self) -> Vec<(DeviationKind, u64, u64)> {
         self.executor.component.receive();
         self.executor.run_step(StepStamps::UNTIMED);
-        self.told().iter().map(|d| (d.kind, d.first, d.last)).collect()
+        self.take_deviations().iter().map(|d| (d.kind, d.first, d.last)).collect()
     }
 
-    fn told(&self) -> Vec<Deviation> {
+    fn take_deviations(&self) -> Vec<Deviation> {
         core::mem::take(&mut *self.log.0.borrow_mut())
     }
 }
@@ -161,11 +161,17 @@ fn late_and_lost_samples_are_told_by_number_at_the_step_that_did_without() {
     (0..3).for_each(|_| assert_eq!(bench.step(), []));
     bench.executor.component.receive();
     bench.executor.run_step(StepStamps::UNTIMED);
-    let told = bench.told();
-    assert_eq!((told[0].kind, told[0].first, told[0].last), (DeviationKind::LostSamples, 5, 7));
-    assert_eq!(told[0].input_name(), "imu");
-    assert_eq!(told[0].header.release_ns, 7 * MS);
-    assert_eq!((told[0].role, told[0].header.seat), (Role::Estimator, Role::Estimator.0));
+    let deviations = bench.take_deviations();
+    assert_eq!(
+        (deviations[0].kind, deviations[0].first, deviations[0].last),
+        (DeviationKind::LostSamples, 5, 7)
+    );
+    assert_eq!(deviations[0].input_name(), "imu");
+    assert_eq!(deviations[0].header.release_ns, 7 * MS);
+    assert_eq!(
+        (deviations[0].role, deviations[0].header.seat),
+        (Role::Estimator, Role::Estimator.0)
+    );
     let counts = bench.executor.component.counts();
     assert_eq!((counts.late, counts.lost), (2, 3));
 }
@@ -177,8 +183,8 @@ fn a_late_sample_tells_since_when_it_was_due() {
     bench.arrives(3);
     bench.executor.component.receive();
     bench.executor.run_step(StepStamps::UNTIMED);
-    let told = bench.told();
-    let late = told.iter().find(|d| d.kind == DeviationKind::LateSamples);
+    let deviations = bench.take_deviations();
+    let late = deviations.iter().find(|d| d.kind == DeviationKind::LateSamples);
     assert_eq!(late.map(|d| (d.due_ns, d.header.release_ns)), Some((2 * MS, 5 * MS)));
 }
 
@@ -186,19 +192,19 @@ fn a_late_sample_tells_since_when_it_was_due() {
 fn late_samples_of_owner_fallback_and_successor_are_told_each_by_its_own_numbers() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     bench.comes_from_a_slot();
-    bench.says((0, 0), 79, 0);
-    bench.says((1, 0), 9, 0);
+    bench.publish((0, 0), 79, 0);
+    bench.publish((1, 0), 9, 0);
     (0..4).for_each(|_| drop(bench.step()));
     // Both seats are late with two; then another process has taken the second, and counts anew.
     for instant_ms in [1, 2] {
-        bench.says((0, 0), 79 + instant_ms, instant_ms);
-        bench.says((1, 0), 9 + instant_ms, instant_ms);
+        bench.publish((0, 0), 79 + instant_ms, instant_ms);
+        bench.publish((1, 0), 9 + instant_ms, instant_ms);
     }
-    bench.says((1, 1), 500, 3);
+    bench.publish((1, 1), 500, 3);
     bench.executor.component.receive();
     bench.executor.run_step(StepStamps::UNTIMED);
     let mut late: Vec<_> = bench
-        .told()
+        .take_deviations()
         .iter()
         .filter(|d| d.kind == DeviationKind::LateSamples)
         .map(|d| ((d.writer_seat, d.writer_generation), d.first, d.last, d.due_ns / MS))
@@ -212,21 +218,24 @@ fn late_samples_of_owner_fallback_and_successor_are_told_each_by_its_own_numbers
 fn late_and_lost_samples_of_a_producer_without_a_slot_are_one_range() {
     let ranges = |repeated_by: u32| {
         let mut bench = Bench::new(MissPolicy::CatchUp, 0);
-        bench.says((0, 0), 1, 0);
+        bench.publish((0, 0), 1, 0);
         (0..5).for_each(|_| drop(bench.step()));
-        bench.says((0, repeated_by), 4, 3);
-        bench.says((0, 1), 5, 4);
+        bench.publish((0, repeated_by), 4, 3);
+        bench.publish((0, 1), 5, 4);
         bench.executor.component.receive();
         bench.executor.run_step(StepStamps::UNTIMED);
         bench.executor.finish();
-        let told = bench.told();
-        told.iter().map(|d| (d.kind, d.first, d.last, d.writer_generation)).collect::<Vec<_>>()
+        let deviations = bench.take_deviations();
+        deviations
+            .iter()
+            .map(|d| (d.kind, d.first, d.last, d.writer_generation))
+            .collect::<Vec<_>>()
     };
     let expected = [
         (DeviationKind::LostSamples, 2, 3, 0),
         (DeviationKind::LateSamples, 4, 5, 0),
         (DeviationKind::Ended, 5, 5, 0),
-        // Of its other input it never heard.
+        // Its other input never received a sample.
         (DeviationKind::Ended, 0, 0, 0),
     ];
     assert_eq!(ranges(0), expected);
@@ -236,27 +245,27 @@ fn late_and_lost_samples_of_a_producer_without_a_slot_are_one_range() {
 #[test]
 fn who_joins_in_flight_tells_of_the_first_sample_of_each_writer_that_it_hears() {
     let began = |bench: &mut Bench| {
-        let mut told = bench.step();
-        told.retain(|(kind, ..)| *kind == DeviationKind::Began);
-        told.iter().map(|(_, first, _)| *first).collect::<Vec<_>>()
+        let mut deviations = bench.step();
+        deviations.retain(|(kind, ..)| *kind == DeviationKind::Began);
+        deviations.iter().map(|(_, first, _)| *first).collect::<Vec<_>>()
     };
-    // In effect at 4 ms it is known before the first step, and says nothing of what came before it.
+    // A sample in effect at 4 ms is known before the first step, and does not show what came before it.
     for (sequence, valid_ms, first) in [(7, 5, 7), (1, 5, 1), (7, 4, 0)] {
         let mut joins = Bench::new(MissPolicy::CatchUp, 0);
         joins.comes_from_a_slot();
         joins.executor.join_at(5 * MS, 0);
-        joins.says((0, 0), sequence, valid_ms);
+        joins.publish((0, 0), sequence, valid_ms);
         assert_eq!(began(&mut joins), [first], "it has joined in flight");
-        joins.says((1, 0), 30, 6);
+        joins.publish((1, 0), 30, 6);
         assert_eq!(began(&mut joins), [30], "it comes later");
-        joins.says((1, 1), 40, 7);
+        joins.publish((1, 1), 40, 7);
         assert_eq!(began(&mut joins), [40], "another process follows on the seat");
-        joins.says((1, 2), 41, 8);
+        joins.publish((1, 2), 41, 8);
         assert_eq!(began(&mut joins), [41], "the numbers go on");
     }
     let mut begins = Bench::new(MissPolicy::CatchUp, 0);
     begins.comes_from_a_slot();
-    begins.says((1, 0), 7, 0);
+    begins.publish((1, 0), 7, 0);
     assert_eq!(began(&mut begins), [0; 0], "it was there from the start");
 }
 
@@ -273,21 +282,23 @@ fn what_a_seat_says_while_it_does_not_count_is_not_missing_afterwards() {
     }
     let input = bench.executor.component.input(&topics::IMU).expect("it reads that");
     input.learn_owners(topics::WRENCH_COMMAND.info.from, &book);
-    // What it said meanwhile came, or did not, by chance.
+    // What it published meanwhile arrived, or did not, by chance.
     for (sequence, instant_ms) in [(1, 0), (2, 1), (3, 2), (5, 4), (7, 6), (8, 7)] {
-        bench.says((1, 0), sequence, instant_ms);
+        bench.publish((1, 0), sequence, instant_ms);
     }
     let mut lost = Vec::new();
     let mut step = |bench: &mut Bench| {
         bench.executor.component.receive();
         bench.executor.run_step(StepStamps::UNTIMED);
-        let told = bench.told().into_iter().filter(|d| d.kind == DeviationKind::LostSamples);
-        lost.extend(told.map(|d| (d.first, d.last, d.due_ns / MS)));
+        let deviations =
+            bench.take_deviations().into_iter().filter(|d| d.kind == DeviationKind::LostSamples);
+        lost.extend(deviations.map(|d| (d.first, d.last, d.due_ns / MS)));
     };
     (0..8).for_each(|_| step(&mut bench));
-    bench.says((1, 0), 11, 8);
+    bench.publish((1, 0), 11, 8);
     step(&mut bench);
-    // The first gap is told for a replay, with the instant from which the seat counts again; the second one is a loss.
+    // The first gap is reported for a replay, with the instant from which the seat counts again;
+    // the second one is a loss.
     assert_eq!(lost, [(4, 6, 6), (9, 10, 0)]);
     assert_eq!(bench.executor.component.counts().lost, 2);
 }
@@ -296,14 +307,15 @@ fn what_a_seat_says_while_it_does_not_count_is_not_missing_afterwards() {
 fn the_last_sample_of_a_writer_is_told_when_another_process_has_its_seat() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     bench.comes_from_a_slot();
-    bench.says((1, 0), 7, 0);
+    bench.publish((1, 0), 7, 0);
     assert_eq!(bench.step(), []);
-    // It repeats the number that its predecessor may have given to others, or goes on after it.
+    // It repeats a number that its predecessor may already have sent to others, or continues after it.
     for (generation, sequence) in [(1, 8), (2, 9)] {
-        bench.says((1, generation), sequence, sequence - 7);
-        let told = bench.step();
-        let ended: Vec<_> = told.iter().filter(|(k, ..)| *k == DeviationKind::Ended).collect();
-        assert_eq!(ended.len(), 1, "{told:?}");
+        bench.publish((1, generation), sequence, sequence - 7);
+        let deviations = bench.step();
+        let ended: Vec<_> =
+            deviations.iter().filter(|(k, ..)| *k == DeviationKind::Ended).collect();
+        assert_eq!(ended.len(), 1, "{deviations:?}");
         assert_eq!(ended[0].1, sequence - 1);
     }
 }
@@ -318,8 +330,8 @@ fn what_happens_to_the_loop_is_told_with_the_step_that_follows_and_can_be_repeat
         bench.executor.count_input_deadline_miss([edge].iter());
         bench.executor.apply_miss_policy(9 * MS + 5);
         bench.executor.run_step(StepStamps::UNTIMED);
-        let told = bench.told();
-        let kinds: Vec<_> = told.iter().map(|d| (d.kind, d.first, d.last)).collect();
+        let deviations = bench.take_deviations();
+        let kinds: Vec<_> = deviations.iter().map(|d| (d.kind, d.first, d.last)).collect();
         let loops = match policy {
             MissPolicy::Skip => (DeviationKind::SkippedReleases, 1, 8),
             MissPolicy::Hold => (DeviationKind::SkippedReleases, 1, 9),
@@ -329,7 +341,7 @@ fn what_happens_to_the_loop_is_told_with_the_step_that_follows_and_can_be_repeat
 
         let mut again = Bench::new(policy, 0);
         again.step();
-        for deviation in &told {
+        for deviation in &deviations {
             again.executor.repeat(deviation);
         }
         assert_eq!(again.step(), kinds, "{policy:?}");
@@ -353,11 +365,17 @@ fn each_life_of_a_process_numbers_its_deviations_for_itself() {
     let mut second = Bench::new(MissPolicy::CatchUp, 3);
     second.executor.restore(&state).unwrap();
     second.executor.run_step(StepStamps::UNTIMED);
-    let told = second.told();
-    assert_eq!((told[0].kind, told[0].first), (DeviationKind::Resumed, 4));
-    assert_eq!((told[0].header.sequence, told[0].header.seat), (1, 32 * 3 + Role::Estimator.0));
-    assert_eq!((told[1].kind, told[1].first, told.len()), (DeviationKind::Began, 0, 2));
-    assert_eq!(told[1].header.sequence, 2);
+    let deviations = second.take_deviations();
+    assert_eq!((deviations[0].kind, deviations[0].first), (DeviationKind::Resumed, 4));
+    assert_eq!(
+        (deviations[0].header.sequence, deviations[0].header.seat),
+        (1, 32 * 3 + Role::Estimator.0)
+    );
+    assert_eq!(
+        (deviations[1].kind, deviations[1].first, deviations.len()),
+        (DeviationKind::Began, 0, 2)
+    );
+    assert_eq!(deviations[1].header.sequence, 2);
 }
 
 #[test]
@@ -379,7 +397,7 @@ fn at_the_end_each_input_tells_how_far_it_has_got() {
     // Arrived, and not in effect any more.
     bench.arrives(4);
     bench.executor.finish();
-    let told = bench.told();
-    let kinds: Vec<_> = told.iter().map(|d| (d.kind, d.input_name(), d.last)).collect();
+    let deviations = bench.take_deviations();
+    let kinds: Vec<_> = deviations.iter().map(|d| (d.kind, d.input_name(), d.last)).collect();
     assert_eq!(kinds, [(DeviationKind::Ended, "imu", 3), (DeviationKind::Ended, "pose_fix", 0)]);
 }

@@ -207,14 +207,14 @@ fn a_latch_survives_packing_and_hides_what_came_before() {
 #[test]
 fn a_successor_in_flight_counts_from_anywhere_and_a_forged_seat_is_ignored() {
     let (mut input, queue) = input(false);
-    let says = |valid_ns, sequence, generation, seat| {
+    let publish = |valid_ns, sequence, generation, seat| {
         let header = Header { valid_ns, sequence, generation, seat, ..Header::default() };
         queue.0.borrow_mut().push_back(Imu { header, ..Imu::default() });
     };
-    says(1, 900, 0, 1);
-    says(2, 1, 1, 1);
-    says(3, 2, 1, 1);
-    says(3, 7, 0, 99);
+    publish(1, 900, 0, 1);
+    publish(2, 1, 1, 1);
+    publish(3, 2, 1, 1);
+    publish(3, 7, 0, 99);
     input.receive();
     input.accept(3, None);
     assert_eq!(fresh(&input), [(1, 1, 900), (2, 1, 1), (3, 1, 2)]);
@@ -224,13 +224,13 @@ fn a_successor_in_flight_counts_from_anywhere_and_a_forged_seat_is_ignored() {
 #[test]
 fn what_a_restarted_producer_without_a_slot_said_and_did_not_arrive_is_lost() {
     let (mut input, queue) = input(false);
-    let says = |valid_ns, sequence, generation| {
+    let publish = |valid_ns, sequence, generation| {
         let header = Header { valid_ns, sequence, generation, ..Header::default() };
         queue.0.borrow_mut().push_back(Imu { header, ..Imu::default() });
     };
-    says(1, 7, 0);
+    publish(1, 7, 0);
     // Its predecessor's 8 and 9 went with it; the restarted one goes on with the numbers.
-    says(4, 10, 1);
+    publish(4, 10, 1);
     input.receive();
     input.accept(4, None);
     assert_eq!(input.counts(), InputCounts { late: 0, lost: 2 });

@@ -249,7 +249,7 @@ fn a_component_may_refuse_a_memory_and_says_why() {
         Bench::new(1000.0, 1).executor.restore(&state).unwrap_err()
     };
     assert_eq!(refused(-1.0), RestoreError::Refused("the sum is negative".into()));
-    // Of no service, whatever it would say.
+    // Of no service, whatever its memory would be.
     for sum in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         assert_eq!(refused(sum), RestoreError::NotFinite);
     }

@@ -138,7 +138,7 @@ struct Scheduler<'a> {
     faults: Vec<String>,
 }
 
-/// Flies with the rules of `process.rs` in an order drawn from `seed`: who acts next, how much of
+/// Flies with the rules of `process.rs` in an order drawn from `seed`: which loop acts next, how much of
 /// what is sent is seen before the mark, how far allowed time reaches. A process acts only when it
 /// has been woken by [`Graph::lockstep_wakes`], by an extension of allowed time or at its start.
 pub(crate) fn fly_in_random_order(plan: &Plan, seed: u64, kills: &[Kill]) -> Outcome {
@@ -291,8 +291,8 @@ impl Scheduler<'_> {
         self.wake(|r| woken.contains(&r) && self.plan.graph.waits_for(r, role));
     }
 
-    fn wake(&mut self, whom: impl Fn(Role) -> bool) {
-        for actor in self.actors.iter_mut().filter(|a| whom(a.seat.node().role)) {
+    fn wake(&mut self, is_woken: impl Fn(Role) -> bool) {
+        for actor in self.actors.iter_mut().filter(|a| is_woken(a.seat.node().role)) {
             if actor.phase == Phase::Asleep {
                 actor.phase = Phase::Look;
             } else {

@@ -1,4 +1,4 @@
-//! Who dies, falls silent or is sent away, and who stands by.
+//! Processes that die, fall silent or are sent away, and standbys.
 
 use super::*;
 

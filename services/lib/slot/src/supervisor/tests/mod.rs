@@ -62,7 +62,7 @@ impl Bench {
         *self.slot.record().unwrap()
     }
 
-    /// The consumer does as the newest record says.
+    /// The consumer does as the newest record states.
     fn confirm(&mut self) -> &mut Self {
         let Record { epoch, owner, effective_ns, .. } = self.record();
         self.at(effective_ns.max(self.now.logical_ns));

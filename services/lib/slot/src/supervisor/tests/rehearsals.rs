@@ -141,8 +141,11 @@ fn a_trusted_owner_needs_no_fallback_and_one_that_is_not_wanted_is_not_kept() {
     let mut bench = Bench::rehearsing(config, BROUGHT);
     let now_ns = bench.now.logical_ns;
     bench.answer(rehearsed(now_ns));
-    let said = Action::Report(Report::Step(Step::WithoutFallback(SEAT[1])));
-    assert!(bench.has(|action| *action == said), "before the flip it is told what a trip will do");
+    let reported = Action::Report(Report::Step(Step::WithoutFallback(SEAT[1])));
+    assert!(
+        bench.has(|action| *action == reported),
+        "before the flip it is told what a trip will do"
+    );
     let record = Bench::watched(config).record();
     assert_eq!((record.owner, record.fallback, record.watched), (SEAT[1], None, true));
 
@@ -170,7 +173,7 @@ fn after_a_trip_the_fallback_is_owner_and_the_tripped_one_leaves_in_order() {
         assert_eq!(record.effective_ns, instance(7).effective_at_or_after(answer_ns));
         assert!(bench.has(|action| *action == Action::AwaitExit(SEAT[1])), "{:?}", bench.actions);
         assert!(!bench.has(|action| matches!(action, Action::Kill(_))));
-        // What the consumer says of it later is no news.
+        // What the consumer reports about it later is no news.
         bench.on(Event::FailedOver { epoch, at_ns });
         assert_eq!(bench.actions, []);
         bench.confirm().on(Event::Died(SEAT[1]));

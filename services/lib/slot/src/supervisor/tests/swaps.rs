@@ -40,7 +40,7 @@ fn a_same_kind_swap_in_lockstep_follows_the_script_to_the_nanosecond() {
     assert!(bench.slot.is_quiet() && !bench.slot.is_taken(SEAT[0]));
 }
 
-/// Otherwise the window would end wherever allowed time has got before the confirmation is heard.
+/// Otherwise the window would end wherever allowed time has got before the confirmation is received.
 #[test]
 fn time_stops_where_the_window_may_end_before_the_flip_is_confirmed() {
     let mut bench = Bench::new(SlotConfig::LOCKSTEP);

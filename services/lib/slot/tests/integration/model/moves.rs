@@ -1,8 +1,8 @@
 //! What may happen next.
 
 use super::world::{
-    CREDIT, Flaw, LATENCY, LEVEL, OTHER_KIND, OWNER, Process, RECORD_PATIENCE, REHEARSAL,
-    SAME_KIND, STANDBY, Word, World, config,
+    CREDIT, Flaw, LATENCY, LEVEL, Message, OTHER_KIND, OWNER, Process, RECORD_PATIENCE, REHEARSAL,
+    SAME_KIND, STANDBY, World, config,
 };
 use slot::{
     Clock, Event, Fault, GateFigures, Instance, Program, Refusal, RehearsalRefusal, Rehearsed,
@@ -18,7 +18,7 @@ pub(crate) enum Move {
     Tick,
     /// A record arrives.
     Deliver,
-    /// The launcher reads what the plant said.
+    /// The launcher reads what the plant has sent.
     Listen,
     /// The launcher's slot gets its time.
     Time,
@@ -26,9 +26,9 @@ pub(crate) enum Move {
     Connect(Seat),
     /// It never will.
     NeverReady(Seat),
-    /// The gate's word.
+    /// The gate's verdict.
     Verdict(bool),
-    /// The rehearsal's word; begun so many ticks ago.
+    /// The rehearsal's verdict; begun so many ticks ago.
     Rehearsed(bool, u64),
     /// The monitor trips the watched owner; the gate levels the vehicle for so many ticks first.
     Trip(u64),
@@ -43,7 +43,7 @@ pub(crate) enum Move {
     /// A process goes on, and nothing useful comes of it.
     FallSilent(Seat),
     /// And then it does again.
-    SpeakAgain(Seat),
+    PublishAgain(Seat),
     /// The launcher dies.
     LauncherDies,
     /// Another takes over.
@@ -100,21 +100,21 @@ impl World {
         }
         for seat in Seat::ALL {
             if let Process::Flying { mute: Some(_), .. } = self.processes[seat.index()] {
-                moves.push(Move::SpeakAgain(seat));
+                moves.push(Move::PublishAgain(seat));
             }
         }
         if self.slot.is_none() {
             self.exits(moves);
             return;
         }
-        if !self.words.is_empty() {
+        if !self.messages.is_empty() {
             moves.push(Move::Listen);
         }
         if self.time_is_due() {
             moves.push(Move::Time);
         }
         if let Some(seat) = self.judging {
-            // A shadow that says nothing has missed its deadlines.
+            // A shadow that publishes nothing has missed its deadlines.
             let fit = matches!(self.processes[seat.index()], Process::Flying { mute: None, .. });
             if fit {
                 moves.push(Move::Verdict(true));
@@ -177,7 +177,7 @@ impl World {
         if self.slot.is_none() {
             return record;
         }
-        let word = self.words.first().is_some_and(|(_, said)| late(*said));
+        let message = self.messages.first().is_some_and(|(_, sent)| late(*sent));
         let deadline = self.slot.as_ref().and_then(SlotMachine::deadline_ns);
         let time = deadline.is_some_and(|at| self.t >= at + self.budget.patience);
         let seats = Seat::ALL.into_iter().any(|seat| match self.processes[seat.index()] {
@@ -187,7 +187,7 @@ impl World {
             Process::Flying { leaving: Some(since), .. } => self.may_exit(seat) && late(since + 2),
             _ => false,
         });
-        record || word || time || seats || self.judging.is_some() || self.rehearsing.is_some()
+        record || message || time || seats || self.judging.is_some() || self.rehearsing.is_some()
     }
 
     /// Lockstep: how far the conductor lets time go.
@@ -197,8 +197,8 @@ impl World {
         if slot.holds_time() {
             return self.allowed;
         }
-        let heard = self.words.first().map_or(u64::MAX, |(_, said)| said + CREDIT);
-        slot.deadline_ns().map_or(credit, |at| at.min(credit)).min(heard)
+        let read_by = self.messages.first().map_or(u64::MAX, |(_, sent)| sent + CREDIT);
+        slot.deadline_ns().map_or(credit, |at| at.min(credit)).min(read_by)
     }
 
     fn misfortunes(&self, moves: &mut Vec<Move>) {
@@ -244,11 +244,11 @@ impl World {
             Move::Tick => self.tick(),
             Move::Deliver => self.deliver(),
             Move::Listen => self.listen(),
-            Move::Time => self.tell_time(),
+            Move::Time => self.notify_time(),
             Move::Connect(seat) => self.connect(seat),
             Move::NeverReady(seat) => {
                 self.budget.misfortunes -= 1;
-                self.tell(Event::Misbehaved(seat, Fault::NeverReady));
+                self.notify(Event::Misbehaved(seat, Fault::NeverReady));
             }
             Move::Verdict(passed) => self.verdict(passed),
             Move::Rehearsed(passed, age) => self.rehearsed(passed, age),
@@ -259,9 +259,9 @@ impl World {
             Move::Exit(seat) => self.die(seat),
             Move::NoticeDeath(seat) => {
                 self.processes[seat.index()] = Process::Gone;
-                self.tell(Event::Died(seat));
+                self.notify(Event::Died(seat));
             }
-            Move::NoticeSilence(seat) => self.tell(Event::Misbehaved(seat, Fault::Stalled)),
+            Move::NoticeSilence(seat) => self.notify(Event::Misbehaved(seat, Fault::Stalled)),
             Move::Die(seat) => {
                 self.budget.misfortunes -= 1;
                 self.die(seat);
@@ -272,7 +272,7 @@ impl World {
                     *mute = Some(self.t);
                 }
             }
-            Move::SpeakAgain(seat) => {
+            Move::PublishAgain(seat) => {
                 let t = self.t;
                 if let Process::Flying { mute, from, .. } = &mut self.processes[seat.index()] {
                     *mute = None;
@@ -282,13 +282,13 @@ impl World {
             Move::LauncherDies => {
                 self.budget.misfortunes -= 1;
                 self.slot = None;
-                self.words.clear();
+                self.messages.clear();
                 (self.judging, self.rehearsing) = (None, None);
             }
             Move::Adopt => self.adopt(),
             Move::Ask(request) => {
                 self.budget.requests -= 1;
-                self.tell(Event::Request(request));
+                self.notify(Event::Request(request));
             }
         }
     }
@@ -301,28 +301,28 @@ impl World {
         let Process::Starting { program, .. } = self.processes[seat.index()] else { return };
         let instance = Self::instance(program);
         self.processes[seat.index()] = Process::Waiting(instance);
-        self.tell(Event::Ready(seat, instance));
+        self.notify(Event::Ready(seat, instance));
     }
 
     fn listen(&mut self) {
-        let (word, _) = self.words.remove(0);
+        let (message, _) = self.messages.remove(0);
         let deaf = self.flaw == Some(Flaw::NeverTriesAgain);
-        match word {
-            Word::Acknowledged { epoch, seat, at_ns } => {
-                self.tell(Event::Acknowledged { epoch, seat, at_ns });
+        match message {
+            Message::Acknowledged { epoch, seat, at_ns } => {
+                self.notify(Event::Acknowledged { epoch, seat, at_ns });
             }
-            Word::Refused { .. } if deaf => {}
-            Word::Refused { epoch } => self.tell(Event::RecordRefused { epoch }),
-            Word::FailedOver { epoch, at_ns } => self.tell(Event::FailedOver { epoch, at_ns }),
-            Word::Tripped { epoch, at_ns } => self.tell(Event::Tripped { epoch, at_ns }),
-            Word::Unguided { epoch, since_ns, at_ns } => {
-                self.tell(Event::Unguided { epoch, since_ns, at_ns });
+            Message::Refused { .. } if deaf => {}
+            Message::Refused { epoch } => self.notify(Event::RecordRefused { epoch }),
+            Message::FailedOver { epoch, at_ns } => self.notify(Event::FailedOver { epoch, at_ns }),
+            Message::Tripped { epoch, at_ns } => self.notify(Event::Tripped { epoch, at_ns }),
+            Message::Unguided { epoch, since_ns, at_ns } => {
+                self.notify(Event::Unguided { epoch, since_ns, at_ns });
             }
         }
     }
 
-    fn tell_time(&mut self) {
-        self.tell(Event::Time);
+    fn notify_time(&mut self) {
+        self.notify(Event::Time);
     }
 
     fn verdict(&mut self, passed: bool) {
@@ -335,7 +335,7 @@ impl World {
             }
             Err(Refusal::MissedDeadlines { missed: 1, limit: 0, at_ns: self.t })
         };
-        self.tell(Event::Verdict(seat, verdict));
+        self.notify(Event::Verdict(seat, verdict));
     }
 
     fn rehearsed(&mut self, passed: bool, age: u64) {
@@ -346,10 +346,10 @@ impl World {
             self.budget.misfortunes -= 1;
         }
         let from_ns = self.t.saturating_sub(age);
-        self.tell(Event::Rehearsed(seat, Rehearsed { from_ns, left_tube: false, verdict }));
+        self.notify(Event::Rehearsed(seat, Rehearsed { from_ns, left_tube: false, verdict }));
     }
 
-    /// A new launcher finds the flight: the newest record written, and who is there.
+    /// A new launcher finds the flight: the newest record written, and the processes that are there.
     fn adopt(&mut self) {
         self.budget.requests -= 1;
         let Some(record) = self.written else { return };
@@ -377,11 +377,11 @@ impl World {
         if self.consumer.tripped() {
             // The monitor repeats itself for a reader that listens late.
             let (epoch, at_ns) = (self.consumer.epoch(), self.consumer.counters().trip_ns);
-            self.tell(Event::Tripped { epoch, at_ns });
+            self.notify(Event::Tripped { epoch, at_ns });
         }
         if self.consumer.failed_over() {
             let (epoch, at_ns) = (self.consumer.epoch(), self.consumer.counters().fail_over_ns);
-            self.tell(Event::FailedOver { epoch, at_ns });
+            self.notify(Event::FailedOver { epoch, at_ns });
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The world of the search: who is there, what is on the way, and what must not happen.
+//! The world of the search: which processes there are, what is on the way, and what must not happen.
 
 use shared_types::Role;
 use shared_types::wire::Value;
@@ -68,7 +68,7 @@ pub(crate) enum Process {
         program: u32,
         since: u64,
     },
-    /// Connected, and not told to begin.
+    /// Connected, and without an order to begin.
     Waiting(Instance),
     Flying {
         instance: Instance,
@@ -110,21 +110,21 @@ pub(crate) struct World {
     /// On the way to the plant, with when (lockstep: at which end of allowed time) it was sent.
     pub records: Vec<(Record, u64)>,
     /// On the way from the plant.
-    pub words: Vec<(Word, u64)>,
-    told: (u64, u64, u64),
-    /// Whose verdict the launcher owes.
+    pub messages: Vec<(Message, u64)>,
+    reported: (u64, u64, u64),
+    /// The seat for which the launcher owes a verdict.
     pub judging: Option<Seat>,
-    /// Whom it flies ahead.
+    /// The seat that it rehearses.
     pub rehearsing: Option<Seat>,
     /// Ticks in a row at which nothing changed.
     calm: u8,
-    /// The records that the plant has accepted, newest first, as one who only watches remembers them.
+    /// The records that the plant has accepted, newest first, as a mere observer remembers them.
     accepted: Vec<Record>,
     /// The newest record written by any supervisor.
     pub written: Option<Record>,
     /// The epoch in which the plant was last seen to follow the fallback.
     latched: u64,
-    /// The epoch whose owner the monitor has tripped, as one who only watches remembers it.
+    /// The epoch whose owner the monitor has tripped, as a mere observer remembers it.
     tripped: u64,
     /// Until then the gate levels the vehicle, whichever process commands.
     level_until: u64,
@@ -134,9 +134,9 @@ pub(crate) struct World {
     pub broken: Option<Broken>,
 }
 
-/// What the plant tells the launcher.
+/// What the plant reports to the launcher.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) enum Word {
+pub(crate) enum Message {
     Acknowledged { epoch: u64, seat: Seat, at_ns: u64 },
     Refused { epoch: u64 },
     FailedOver { epoch: u64, at_ns: u64 },
@@ -182,8 +182,8 @@ impl World {
             commands: Commands(CommandBuffer::new()),
             processes: [Process::Gone; SEATS],
             records: Vec::new(),
-            words: Vec::new(),
-            told: (0, 0, 0),
+            messages: Vec::new(),
+            reported: (0, 0, 0),
             judging: None,
             rehearsing: None,
             calm: 0,
@@ -199,10 +199,10 @@ impl World {
         let first = Seat::ALL[0];
         let instance = Self::instance(0);
         world.processes[0] = Process::Flying { instance, from: 0, mute: None, leaving: None };
-        world.tell(Event::Ready(first, instance));
+        world.notify(Event::Ready(first, instance));
         if standby {
             world.calm_down();
-            world.tell(Event::Request(slot::Request::Standby(STANDBY, 2, false)));
+            world.notify(Event::Request(slot::Request::Standby(STANDBY, 2, false)));
         }
         world.calm_down();
         World { flaw, ..world }
@@ -232,8 +232,8 @@ impl World {
         Now { logical_ns: self.t, allowed_ns }
     }
 
-    /// The launcher hears of something and does what its slot wants.
-    pub(crate) fn tell(&mut self, event: Event) {
+    /// The launcher is notified of an event and does what its slot wants.
+    pub(crate) fn notify(&mut self, event: Event) {
         let now = self.now();
         let Some(slot) = &mut self.slot else { return };
         let actions = slot.on(now, event);
@@ -298,7 +298,7 @@ impl World {
         } else if self.consumer.take_record(&record) == slot::Taken::Accepted {
             self.accept(&record);
         }
-        self.speak();
+        self.report();
     }
 
     fn accept(&mut self, record: &Record) {
@@ -319,7 +319,7 @@ impl World {
             if let Some(command) = self.command(seat) {
                 self.offer(seat, &command);
             } else if self.consumer.record().is_none_or(|record| !record.is_taken(seat)) {
-                // An intruder, who finds the seat empty.
+                // An intruder that finds the seat empty.
                 let valid_until_ns = t + 9;
                 let forged = Command { effective_ns: t, valid_until_ns, ..Command::default() };
                 self.offer(seat, &forged);
@@ -346,15 +346,15 @@ impl World {
         let levels = self.t < self.level_until;
         self.followed = choice.map(|choice| choice.seat).filter(|_| !levels);
         self.judge(choice.map(|choice| (choice.seat, choice.source, choice.command)));
-        let said = self.words.len();
-        self.speak();
+        let sent = self.messages.len();
+        self.report();
         self.complain();
-        let changed = before != self.followed || self.words.len() > said;
+        let changed = before != self.followed || self.messages.len() > sent;
         self.calm = if changed { 0 } else { (self.calm + 1).min(3) };
         self.t += 1;
     }
 
-    /// The monitor's word takes effect at the plant's next tick.
+    /// The monitor's trip takes effect at the plant's next tick.
     pub(crate) fn trip(&mut self, level: u64) {
         let Some(record) = self.consumer.record().copied() else { return };
         let mut memory = self.consumer.memory();
@@ -365,7 +365,7 @@ impl World {
         }
         self.tripped = record.epoch;
         self.level_until = self.t + level;
-        self.say(Word::Tripped { epoch: record.epoch, at_ns: self.t });
+        self.send(Message::Tripped { epoch: record.epoch, at_ns: self.t });
     }
 
     fn offer(&mut self, seat: Seat, command: &Command) {
@@ -373,7 +373,7 @@ impl World {
         let member = self.consumer.record().is_some_and(|record| record.is_taken(seat));
         let posed_as = match (self.flaw, owner) {
             (Some(Flaw::FollowsMembers), Some(owner)) if member => {
-                // Any member that speaks is taken for the owner; the watcher remembers which one the owner was.
+                // Any member that publishes is taken for the owner; the watcher remembers which one the owner was.
                 if seat != owner {
                     self.broken = Some(Broken::WrongWriter);
                 }
@@ -384,19 +384,19 @@ impl World {
         self.commands.0.offer(&self.consumer, posed_as, command);
     }
 
-    /// What the process on `seat` says for this tick.
+    /// What the process on `seat` publishes for this tick.
     fn command(&self, seat: Seat) -> Option<Command> {
         let Process::Flying { instance, from, mute: None, .. } = self.processes[seat.index()]
         else {
             return None;
         };
-        let speaks = self.t >= from + LATENCY && instance.effective_at_or_after(self.t) == self.t;
+        let is_due = self.t >= from + LATENCY && instance.effective_at_or_after(self.t) == self.t;
         let valid_until_ns = self.t + 2 * instance.period_ns();
         let command = Command { effective_ns: self.t, valid_until_ns, ..Command::default() };
-        speaks.then_some(command)
+        is_due.then_some(command)
     }
 
-    /// Compares what the plant does with what one who only watches would expect.
+    /// Compares what the plant does with what a mere observer would expect.
     fn judge(&mut self, choice: Option<(Seat, Source, Command)>) {
         let at = |t: u64| self.accepted.iter().find(|record| record.effective_ns <= t).copied();
         let Some(record) = at(self.t) else { return };
@@ -464,34 +464,34 @@ impl World {
         record.is_taken(seat) && instance.effective_at_or_after(since) <= self.t
     }
 
-    /// The plant tells what has changed.
-    fn speak(&mut self) {
+    /// The plant reports what has changed.
+    fn report(&mut self) {
         let counters = self.consumer.counters();
-        let (epoch, refused, fail_overs) = self.told;
-        self.told = (self.consumer.epoch(), counters.refused_records, counters.fail_overs);
+        let (epoch, refused, fail_overs) = self.reported;
+        self.reported = (self.consumer.epoch(), counters.refused_records, counters.fail_overs);
         if let (Some(record), Some(seat)) = (self.consumer.record(), self.consumer.seat_in_effect())
             && record.epoch != epoch
         {
             let at_ns = record.effective_ns;
-            self.say(Word::Acknowledged { epoch: record.epoch, seat, at_ns });
+            self.send(Message::Acknowledged { epoch: record.epoch, seat, at_ns });
         }
         if counters.refused_records != refused {
-            self.say(Word::Refused { epoch: counters.refused_epoch });
+            self.send(Message::Refused { epoch: counters.refused_epoch });
         }
         if counters.fail_overs != fail_overs {
             let at_ns = counters.fail_over_ns;
-            self.say(Word::FailedOver { epoch: self.consumer.epoch(), at_ns });
+            self.send(Message::FailedOver { epoch: self.consumer.epoch(), at_ns });
         }
     }
 
-    /// The plant says that it is on its own, now and then.
+    /// The plant reports now and then that it is on its own.
     fn complain(&mut self) {
         let epoch = self.consumer.epoch();
         self.alone = match self.alone {
             _ if self.followed.is_some() || epoch == 0 || self.t < self.level_until => None,
             Some(since_ns) => {
                 if (self.t - since_ns).is_multiple_of(3) {
-                    self.say(Word::Unguided { epoch, since_ns, at_ns: self.t });
+                    self.send(Message::Unguided { epoch, since_ns, at_ns: self.t });
                 }
                 Some(since_ns)
             }
@@ -499,9 +499,9 @@ impl World {
         };
     }
 
-    fn say(&mut self, word: Word) {
+    fn send(&mut self, message: Message) {
         if self.slot.is_some() {
-            self.words.push((word, self.t));
+            self.messages.push((message, self.t));
         }
     }
 
@@ -510,7 +510,7 @@ impl World {
         let at_rest = |process: &Process| {
             matches!(process, Process::Gone | Process::Flying { mute: None, leaving: None, .. })
         };
-        let still = self.records.is_empty() && self.words.is_empty() && self.calm >= 2;
+        let still = self.records.is_empty() && self.messages.is_empty() && self.calm >= 2;
         match &self.slot {
             None => still && self.written.is_none_or(|record| record.effective_ns <= self.t),
             Some(slot) => {
