@@ -359,7 +359,7 @@ impl Burst {
             from_ns: 0,
             flown_ns,
             end: Ok(End::Flown),
-            told: Conclusion::default(),
+            conclusion: Conclusion::default(),
         };
         sum_up(self.tap.sinks, &self.options, ended)
     }

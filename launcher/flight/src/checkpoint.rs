@@ -24,7 +24,7 @@ const FORMAT: u32 = 6;
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
-/// Who wrote the checkpoint.
+/// The launcher that wrote the checkpoint.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Author {
     format: u32,
@@ -165,7 +165,7 @@ impl Author {
     }
 }
 
-/// Layouts of everything that processes say to one another.
+/// Layouts of everything that processes send to one another.
 fn layouts() -> BTreeMap<String, String> {
     struct Layouts(BTreeMap<String, String>);
     impl Layouts {
@@ -199,7 +199,7 @@ pub(super) struct CheckpointWriter {
 }
 
 impl CheckpointWriter {
-    /// Opens the checkpoint of a flight by its first words.
+    /// Opens the checkpoint of a flight and writes it for the first time.
     pub(super) fn open(folder: &Path, of: Of, mode: ClockMode) -> Self {
         let mut checkpoint_writer =
             Self::new(folder, of, &ClockRecord { mode, ..ClockRecord::default() });
@@ -239,7 +239,7 @@ impl CheckpointWriter {
         self.checkpoint.disturbance = Packed(*disturbance);
     }
 
-    /// Notes who there is and who commands: of each slot the record before the last one, and that one.
+    /// Notes which processes there are and which command: of each slot the record before the last one, and that one.
     pub(super) fn write<'a>(
         &mut self,
         registry: &[RegistryEntry],

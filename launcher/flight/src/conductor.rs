@@ -1,4 +1,4 @@
-//! The conductor: says when the flight starts, how far time may go, and where it ends.
+//! The conductor: publishes when the flight starts, how far time may go, and where it ends.
 
 use runtime::clock::WallMap;
 use runtime::graph::CREDIT_NS;
@@ -49,12 +49,12 @@ impl Conductor {
         Ok(Self { record, ..new })
     }
 
-    /// Says again what time it is.
-    pub(super) fn say_again(&mut self) {
+    /// Publishes again what time it is.
+    pub(super) fn publish_again(&mut self) {
         self.sink.send(&self.record);
     }
 
-    /// The last word on time.
+    /// The clock record as it was published last.
     pub(super) fn record(&self) -> &ClockRecord {
         &self.record
     }
@@ -94,7 +94,7 @@ impl Conductor {
         self.record.end_ns
     }
 
-    /// True if the flight was told to end before its time.
+    /// True if the flight was ordered to end before its time.
     pub(super) fn is_cut_short(&self) -> bool {
         self.record.end_ns < self.duration_ns
     }
@@ -153,7 +153,7 @@ impl Conductor {
         self.sink.send(&self.record);
     }
 
-    /// Tells finished processes that everything has been drained. True if they did not know.
+    /// Notifies finished processes that everything has been drained. True if they did not know.
     pub(super) fn let_leave(&mut self) -> bool {
         let news = !self.record.may_leave.is_set();
         if news {

@@ -1,4 +1,4 @@
-//! A start in disorder, for tests: the flight must not depend on who starts first, or where.
+//! A start in disorder, for tests: the flight must not depend on which process starts first, or where.
 
 use rand::seq::SliceRandom as _;
 use rand::{RngExt as _, SeedableRng as _};

@@ -1,6 +1,6 @@
-//! One flight from founding its run to its last word.
+//! One flight from founding its run to its end.
 //!
-//! `start.rs` starts it, `adopt.rs` takes it over while it flies, `finish.rs` has the last word;
+//! `start.rs` starts it, `adopt.rs` takes it over while it flies, `finish.rs` ends it;
 //! `watch.rs` is what the main loop looks at besides, `timed.rs` how one goes on whose clock it moves.
 
 mod adopt;
@@ -168,7 +168,7 @@ struct Flight {
     /// Of a flight whose clock this launcher moves.
     timed: Option<Timed>,
     /// Of a script of times.
-    to_tell: ToTell,
+    announcements: ToTell,
     /// Orders of clients that have not been carried out.
     asked: Vec<(Request, Answer)>,
     tap: Tap,
@@ -201,7 +201,7 @@ struct Flight {
     leftovers: Option<Leftovers>,
     /// Takes the memory of what has been made since, where none is locked.
     reservation: Option<Reservation>,
-    /// The clock as the run's processes hear it.
+    /// The clock as the run's processes read it.
     clock_reader: LatestPort<ClockRecord>,
     progress: Option<indicatif::ProgressBar>,
     notices: Vec<String>,
@@ -275,7 +275,7 @@ impl Flight {
         if self.timed.is_some() {
             self.give_turns(now_ns);
         } else {
-            self.tell_until(self.drained_ns);
+            self.announce_until(self.drained_ns);
             sleep_until(now_ns + self.look_every_ns());
         }
     }
@@ -320,7 +320,7 @@ impl Flight {
         if self.is_amid_a_stretch() { Ok(()) } else { self.tend_slots(now_ns) }
     }
 
-    /// Gives the slots what has happened, and passes on what they say.
+    /// Gives the slots what has happened, and passes on what they report.
     fn tend_slots(&mut self, now_mono_ns: u64) -> Result<(), FlightError> {
         self.with_slots(now_mono_ns, Slots::tend)
     }
@@ -377,8 +377,8 @@ impl Flight {
         let monitor = self.graph.node(Role::Monitor)?;
         let record = self.conductor.record();
         let marks = &self.tap.marks;
-        let heard_ns = marks.of_role(Role::Monitor).max(self.begun.0);
-        self.monitored_ns = self.monitored_ns.max(heard_ns);
+        let reported_ns = marks.of_role(Role::Monitor).max(self.begun.0);
+        self.monitored_ns = self.monitored_ns.max(reported_ns);
         let plant_ns = marks.of_role(Role::Plant).min(self.conductor.end_ns());
         let silent_ns = plant_ns.saturating_sub(self.monitored_ns);
         let periods_ns = MONITOR_PERIODS_MAX * monitor.rate.period_ns();

@@ -59,14 +59,14 @@ impl Grants {
     /// What all loops were granted, in a line; none in lockstep or if something is lacking.
     pub(super) fn granted(&self) -> Option<String> {
         let first = self.setups.first().filter(|_| self.lacking.is_empty())?;
-        let mut told = vec![self.schedule()];
-        told.extend(first.lock_memory.then(|| "memory locked".to_owned()));
+        let mut parts = vec![self.schedule()];
+        parts.extend(first.lock_memory.then(|| "memory locked".to_owned()));
         let slack_us = first.timer_slack_ns as f64 * 1e-3;
-        told.extend((slack_us > 0.0).then(|| format!("timer slack {slack_us} us")));
+        parts.extend((slack_us > 0.0).then(|| format!("timer slack {slack_us} us")));
         if self.setups.iter().any(|setup| !setup.cpus.is_empty()) {
-            told.push("processors as the scenario says".to_owned());
+            parts.push("processors as the scenario says".to_owned());
         }
-        Some(format!("realtime: {}", told.join(", ")))
+        Some(format!("realtime: {}", parts.join(", ")))
     }
 
     /// What is lacking and how to get it, in a line.
@@ -128,8 +128,8 @@ mod tests {
     fn what_needs_no_right_is_granted_and_told() {
         let set = ["realtime.policy=other", "realtime.lock_memory=false", "realtime.strict=true"];
         let grants = ask(&set).unwrap();
-        let told = grants.granted().unwrap();
-        assert_eq!(told, "realtime: no priority asked for, timer slack 1 us");
+        let text = grants.granted().unwrap();
+        assert_eq!(text, "realtime: no priority asked for, timer slack 1 us");
         assert_eq!(grants.lacking(), None);
     }
 
@@ -137,9 +137,9 @@ mod tests {
     fn everything_that_is_lacking_is_told_once() {
         let lacking = vec![Shortfall::Memory, Shortfall::Fifo(13)];
         let grants = Grants { setups: Vec::new(), lacking };
-        let told = grants.lacking().unwrap();
-        assert_eq!(told.matches("ulimit -l").count(), 1, "{told}");
-        assert!(told.contains("ulimit -r") && told.contains("13"), "{told}");
+        let text = grants.lacking().unwrap();
+        assert_eq!(text.matches("ulimit -l").count(), 1, "{text}");
+        assert!(text.contains("ulimit -r") && text.contains("13"), "{text}");
         assert_eq!(grants.granted(), None);
     }
 }

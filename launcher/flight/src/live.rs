@@ -115,7 +115,7 @@ impl Live {
     fn process(&self, view: &View<'_>, member: Member<'_>, now_mono_ns: u64) -> ProcessStatus {
         let Seat { role, index } = member.seat;
         let seen = self.seen.get(&member.seat).copied().unwrap_or_default();
-        // The last word of one that leaves is that nothing will follow.
+        // The last mark of one that leaves means that nothing will follow.
         let flown_ns = view.drained_ns.min(view.conductor.end_ns());
         let mark_ns = if seen.mark_ns == u64::MAX { flown_ns } else { seen.mark_ns };
         ProcessStatus {

@@ -51,8 +51,8 @@ impl Posts for Processes<'_> {
     fn stop(&mut self, place: Place) {
         self.supervisor.stop(place, self.tap);
     }
-    fn words_so_far(&self, place: Place) -> String {
-        self.supervisor.words_so_far(place)
+    fn stderr_so_far(&self, place: Place) -> String {
+        self.supervisor.stderr_so_far(place)
     }
     fn seat_of(&self, name: &str) -> Option<Place> {
         self.supervisor.seat_of(name)
@@ -90,12 +90,12 @@ impl Posts for Processes<'_> {
     fn send_order(&mut self, sent: &Sent) {
         self.supervisor.send_order(sent);
     }
-    fn tell_seating(&mut self, seating: &Seating, config: Option<&Path>) {
+    fn record_seating(&mut self, seating: &Seating, config: Option<&Path>) {
         if seating.has_state.is_set() {
             let from = Place { role: seating.role, index: seating.state_seat };
             self.tap.keep_state_of(from, self.now_mono_ns);
         }
-        self.tap.sinks.tell_seating(seating, self.now_mono_ns);
+        self.tap.sinks.record_seating(seating, self.now_mono_ns);
         // What cannot be read any more, the process could not read either.
         if let Some(text) = config.and_then(|path| std::fs::read_to_string(path).ok()) {
             self.tap.sinks.attach_config(seating, &text);

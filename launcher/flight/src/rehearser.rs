@@ -75,14 +75,14 @@ impl Rehearser {
 
 /// Starts a child process with a specification, and the threads that read its output.
 fn start(spec: &RehearsalSpec, nice: i32) -> io::Result<(Child, [Option<JoinHandle<String>>; 2])> {
-    let told = serde_json::to_vec(spec).map_err(io::Error::other)?;
+    let json = serde_json::to_vec(spec).map_err(io::Error::other)?;
     let mut child = Command::new(OWN_EXECUTABLE)
         .args(["rehearse", "--spec", "-", "--nice", &nice.to_string()])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()?;
-    match talk(&mut child, told) {
+    match talk(&mut child, json) {
         Ok(listeners) => Ok((child, listeners)),
         Err(error) => {
             let _ = child.kill();
@@ -93,11 +93,11 @@ fn start(spec: &RehearsalSpec, nice: i32) -> io::Result<(Child, [Option<JoinHand
 }
 
 /// Threads that write to a child and listen to it.
-fn talk(child: &mut Child, told: Vec<u8>) -> io::Result<[Option<JoinHandle<String>>; 2]> {
+fn talk(child: &mut Child, json: Vec<u8>) -> io::Result<[Option<JoinHandle<String>>; 2]> {
     let stdin = child.stdin.take();
     // A specification may be longer than the buffer of a pipe; writing it here would block the flight until
     // the child has read it.
-    thread().spawn(move || stdin.map(|mut stdin| stdin.write_all(&told)))?;
+    thread().spawn(move || stdin.map(|mut stdin| stdin.write_all(&json)))?;
     Ok([
         child.stdout.take().map(|pipe| listen(Box::new(pipe))).transpose()?,
         child.stderr.take().map(|pipe| listen(Box::new(pipe))).transpose()?,
@@ -123,14 +123,14 @@ impl Running {
         // A child that has exceeded its time must end now; one that has ended is not affected.
         let _ = self.child.kill();
         let status = self.child.wait();
-        let [said, words] = self.listeners.each_mut().map(|listener| {
+        let [stdout, stderr] = self.listeners.each_mut().map(|listener| {
             listener.take().and_then(|listener| listener.join().ok()).unwrap_or_default()
         });
-        let verdict = serde_json::from_str(said.trim()).unwrap_or_else(|_| {
+        let verdict = serde_json::from_str(stdout.trim()).unwrap_or_else(|_| {
             let how = status.map_or("it is gone".to_owned(), |status| status.to_string());
-            let why = match words.trim() {
+            let why = match stderr.trim() {
                 "" => format!("the rehearsal ended without a verdict ({how})"),
-                words => format!("the rehearsal ended without a verdict ({how}): {words}"),
+                stderr => format!("the rehearsal ended without a verdict ({how}): {stderr}"),
             };
             Verdict::of(
                 "the candidate",

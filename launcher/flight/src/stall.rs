@@ -33,7 +33,7 @@ pub(super) fn stalled(
     let is_stalled = |entry: &&RegistryEntry| {
         let Some(node) = graph.node(entry.role) else { return false };
         let mark_ns = marks.of_seat(seat_of(entry), entry.generation);
-        // A process that has just taken a seat in flight has not had its first word yet.
+        // A process that has just taken a seat in flight has not received its first samples yet.
         let arrives = mark_ns == 0 && has_joined_in_flight(entry) && !long_over;
         if mark_ns >= record.end_ns || (arrives && record.mode != ClockMode::Lockstep) {
             false
@@ -189,9 +189,9 @@ mod tests {
         let (old, new) = ((Role::Position, 0, 0, 7000), (Role::Attitude, 1, 7000, 7000));
         assert_eq!(to_blame(&[old, new]), [(Role::Position, 0)]);
         assert_eq!(to_blame(&[new]), [(Role::Attitude, 1)]);
-        // Before its first word.
+        // Before its first samples.
         assert_eq!(to_blame(&[old, (Role::Attitude, 1, 0, 0)]), [(Role::Position, 0)]);
-        // Once it has gone on it has heard what it waited for.
+        // Once it has gone on it has received what it waited for.
         let moved = (Role::Attitude, 1, 7000, 7010);
         assert_eq!(to_blame(&[old, moved]), [(Role::Position, 0), (Role::Attitude, 1)]);
     }

@@ -1,7 +1,7 @@
 //! Keeps the processes of a flight alive: ready, owners, restarts, stalls, exit reasons.
 //!
-//! `registration.rs` has who comes, `deaths.rs` who goes, `participants.rs` which loops fly, `take_over.rs` how the next
-//! launcher goes on.
+//! `registration.rs` has how they come, `deaths.rs` how they go, `participants.rs` which loops fly, `take_over.rs` how
+//! the next launcher goes on.
 
 mod deaths;
 mod participants;
@@ -26,7 +26,7 @@ use swap::child::{ChildSpec, RunningChild, describe_unready};
 use swap::post::Post;
 use swap::{FlightError, OrderSinks, PostEvent, RegistryWriter, SlotOwner};
 
-/// What processes say as they join is kept up to here.
+/// Most hellos of joining processes that are kept.
 const HELLOS: usize = 64;
 /// How long what is to happen waits for all processes to look after their readers \[ns\].
 const SERVE_LIMIT_NS: u64 = 1_000_000_000;
@@ -84,7 +84,7 @@ pub(super) struct Supervisor {
     joined_mono_ns: u64,
     pub(super) notices: Vec<Notice>,
     pub(super) recovered: u64,
-    /// Since when a process has waited for room in shared memory, which has been told \[ns\].
+    /// Since when a process has waited for room in shared memory, which has been reported \[ns\].
     awaits_room_ns: Option<u64>,
     /// Processes of slots that are there before their slots have asked for them.
     expected: Vec<Expected>,
@@ -143,7 +143,7 @@ impl Supervisor {
                 return Err(FlightError::NotReady {
                     name: post.spec.name.clone(),
                     how: describe_unready(status),
-                    words: post.words(),
+                    last_stderr: post.last_stderr(),
                 });
             }
         }
@@ -179,14 +179,14 @@ impl Supervisor {
         self.registry.serve_late_joiners();
     }
 
-    /// Names of those who are not ready.
+    /// Names of the processes that are not ready.
     pub(super) fn not_ready(&self) -> String {
         let waiting = self.posts.iter().filter(|post| !post.ready);
         let names: Vec<_> = waiting.map(|post| post.spec.name.as_str()).collect();
         names.join(", ")
     }
 
-    /// Who takes part now.
+    /// The processes that take part now.
     pub(super) fn present(&self) -> impl Iterator<Item = &RegistryEntry> {
         self.registry.entries().iter().filter(|entry| entry.present.is_set())
     }
@@ -207,7 +207,7 @@ impl Supervisor {
                 let seat = self.posts[index].seat;
                 match started {
                     Err(error) if seat.role.is_slot() => {
-                        // Its file is gone, or no process can be had: who commands now is for the slot to say.
+                        // Its file is gone, or no process can be had: which one commands now is for the slot to decide.
                         self.leave_registry(seat, tap);
                         self.never_started(seat, &error);
                     }
@@ -222,7 +222,7 @@ impl Supervisor {
             let post = self.posts.iter_mut().find(|post| post.seat == seat);
             let Some(post) = post.filter(|post| post.awaits_handover) else { continue };
             if post.goes_on {
-                // It is in the registry before it can say a word.
+                // It is in the registry before it can publish anything.
                 let state = own_state(post, tap);
                 let order = Handover {
                     has_state: Flag::from(state.is_some()),
@@ -262,8 +262,8 @@ impl Supervisor {
         core::mem::take(&mut self.events)
     }
 
-    /// Starts a process on a seat of a slot that is free. One that cannot be started has gone at once, and says
-    /// why: what is ordered in flight never ends the flight.
+    /// Starts a process on a seat of a slot that is free. One that cannot be started has gone at once, and the
+    /// reason is reported: what is ordered in flight never ends the flight.
     pub(super) fn spawn(&mut self, bus: &Bus, seat: Seat, spec: ChildSpec) {
         self.expected.retain(|own| own.seat != seat);
         if let Some(no_room) = self.no_room_for(&spec.name) {
@@ -292,7 +292,7 @@ impl Supervisor {
         Some(FlightError::NoRoom { name: name.to_owned(), shortage })
     }
 
-    /// Whether a process that is due can be started again; none as long as memory is short, which is told once,
+    /// Whether a process that is due can be started again; none as long as memory is short, which is reported once,
     /// and waited for only so long.
     fn room_for_restart(&mut self, index: usize, now_ns: u64) -> Option<Result<(), FlightError>> {
         let Some(no_room) = self.no_room_for(&self.posts[index].spec.name) else {
@@ -315,14 +315,19 @@ impl Supervisor {
         self.events.push(PostEvent::Gone { place, exit_reason: Some(why.to_string()) });
     }
 
-    /// Starts the process of a seat again; it will be told where to begin.
+    /// Starts the process of a seat again; it will be given where to begin.
     pub(super) fn restart(&mut self, seat: Seat, now_ns: u64) -> Result<(), FlightError> {
         let Some(index) = self.posts.iter().position(|post| post.seat == seat) else {
             return Ok(());
         };
         let pause_ns = self.pause_before_restart(index, now_ns).map_err(|reason| {
-            let (how, words) = ("keeps dying".to_owned(), String::new());
-            FlightError::Lost { name: self.posts[index].spec.name.clone(), how, words, reason }
+            let (how, last_stderr) = ("keeps dying".to_owned(), String::new());
+            FlightError::Lost {
+                name: self.posts[index].spec.name.clone(),
+                how,
+                last_stderr,
+                reason,
+            }
         })?;
         self.recovered += 1;
         if let Some(there) = self.expected.iter().position(|own| own.seat == seat) {
@@ -344,18 +349,18 @@ impl Supervisor {
         }
     }
 
-    /// Tells all processes which seat owns a slot from when.
+    /// Publishes to all processes which seat owns a slot from when.
     pub(super) fn announce(&mut self, record: OwnerRecord, tap: &mut Tap) {
         let Some(slot) = self.slots.iter().position(|slot| slot.role == record.slot) else {
             return;
         };
         self.slots[slot].take(record, &mut tap.marks);
-        // Noted before any process hears of it: no launcher may find an epoch that it does not know.
+        // Noted before any process receives it: no launcher may find an epoch that it does not know.
         self.note();
         self.slots[slot].publish();
     }
 
-    /// Tells pilot or injector what has been ordered.
+    /// Sends pilot or injector an order.
     pub(super) fn send_order(&mut self, sent: &Sent) {
         self.orders.take(sent);
         self.note();
@@ -377,7 +382,7 @@ impl Supervisor {
         post.child.is_some() || post.restart_at_ns.is_some()
     }
 
-    /// Who fills which seat now, for those who ask.
+    /// Which process fills which seat now, for clients that ask.
     pub(super) fn members(&self) -> impl Iterator<Item = Member<'_>> {
         // A process that has left its seat in a slot is not there any more.
         let there = |post: &&Post| post.seat.role.seats() == 1 || Self::flies_on(post);

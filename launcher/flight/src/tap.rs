@@ -125,7 +125,8 @@ impl Tap {
         Ok(Self { ports, seats, promised, marks, opened_mono_ns: mono_now_ns(), sinks })
     }
 
-    /// Records who owned a slot before this launcher came: that is said no more, and what flew by it is in the recording.
+    /// Records which seat owned a slot before this launcher came: that is published no more, and what flew by it is in
+    /// the recording.
     pub(crate) fn record_owner(&mut self, record: &OwnerRecord) {
         let Some(slot) = Slot::of(record.slot).filter(|_| record.epoch > 0) else { return };
         let topic = slot.spec().owner;
@@ -148,7 +149,7 @@ impl Tap {
     }
 
     /// Has the last state from a seat recorded: another process goes on from it, or the one that published it has died,
-    /// and it tells how far that one has got.
+    /// and it shows how far that one has got.
     pub(super) fn keep_state_of(&mut self, seat: Seat, now_mono_ns: u64) {
         let tap = self.seats.iter().find(|tap| tap.seat == seat);
         if let Some(last) = tap.map(|tap| &tap.last_state).filter(|last| !last.bytes.is_empty()) {

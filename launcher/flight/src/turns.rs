@@ -1,4 +1,4 @@
-//! The turns of a flight whose loops and samples take the time that a script says: one loop at a time, on a clock that
+//! The turns of a flight whose loops and samples take the time that a script sets: one loop at a time, on a clock that
 //! goes on to the next instant at which one of them has something to do.
 
 use runtime::Graph;
@@ -61,15 +61,15 @@ struct Known {
     is_behind: bool,
 }
 
-/// Whose turn is when.
+/// Which loop has its turn when.
 pub(super) struct Turns {
     script: Script,
     giver: TurnGiver,
-    /// By [`Seat::number`], as all that is told of a loop here.
+    /// By [`Seat::number`], as everything about a loop here.
     agenda: Agenda,
     known: [Known; Seat::COUNT],
     awaited: Option<Awaited>,
-    /// Whose pipe had no room for an order.
+    /// The seat whose pipe had no room for an order.
     refused: Option<Seat>,
     wall: WallMap,
     now_mono_ns: u64,
@@ -104,7 +104,7 @@ impl Turns {
         self.taken
     }
 
-    /// How far a loop has got, as it has said \[ns\].
+    /// How far a loop has got, as it has reported \[ns\].
     pub(super) fn mark_ns(&self, seat: Seat) -> u64 {
         seat.number().map_or(0, |number| self.known[number].mark_ns)
     }
@@ -124,7 +124,7 @@ impl Turns {
         self.wall.logical_ns(self.now_mono_ns)
     }
 
-    /// Has a process look who has come and gone, or leave if its time is over.
+    /// Has a process look which others have come and gone, or leave if its time is over.
     pub(super) fn nudge(&mut self, participant: &Participant, leaves: bool) {
         let order = if leaves { Order::Leave } else { Order::LookAround };
         let order = self.numbered(order, participant.generation);
@@ -205,8 +205,8 @@ impl Turns {
         }
     }
 
-    /// A process has run what the one before it had run. If that one had published a step and died before it could say so,
-    /// the others are told now.
+    /// A process has run what the one before it had run. If that one had published a step and died before it could
+    /// report it, the others are notified now.
     fn take_up(
         &mut self,
         mark_ns: u64,

@@ -22,7 +22,7 @@ const READY_LIMIT: Duration = Duration::from_secs(10);
 const LEAVE_LIMIT_NS: u64 = 70_000_000_000;
 /// How often to look whether it has left \[ns\].
 const LOOK_EVERY_NS: u64 = 5_000_000;
-/// What it says of each address, and how many there are.
+/// How it begins the line of each address, and how many there are.
 const ADDRESS: &str = "live  ";
 const ADDRESSES: usize = 2;
 
@@ -57,29 +57,29 @@ impl ViewerProcess {
         let child = command.spawn().map_err(system("start the process that serves viewers"))?;
         let mut viewers = Self { child, is_leaving: Arc::default() };
         let failed = || system("start a thread for what viewers say");
-        let words = lines(viewers.child.stdout.take()).map_err(failed())?;
+        let output = lines(viewers.child.stdout.take()).map_err(failed())?;
         let complaints = lines(viewers.child.stderr.take()).map_err(failed())?;
-        viewers.await_addresses(&words, complaints)
+        viewers.await_addresses(&output, complaints)
     }
 
     fn await_addresses(
         mut self,
-        words: &Receiver<String>,
+        output: &Receiver<String>,
         complaints: Receiver<String>,
     ) -> Result<Self, RunError> {
         for _ in 0..ADDRESSES {
-            match words.recv_timeout(READY_LIMIT) {
+            match output.recv_timeout(READY_LIMIT) {
                 Ok(line) if line.starts_with(ADDRESS) => eprintln!("morphquad: {line}"),
                 Ok(_) | Err(RecvTimeoutError::Timeout) => {
-                    let told = "the process that serves viewers does not get ready".to_owned();
-                    return Err(RunError::NotServed { told, exit_code: host::exit::UNFIT });
+                    let reason = "the process that serves viewers does not get ready".to_owned();
+                    return Err(RunError::NotServed { reason, exit_code: host::exit::UNFIT });
                 }
                 Err(RecvTimeoutError::Disconnected) => return Err(self.why_not(&complaints)),
             }
         }
-        // What it has to say later is passed on until it leaves.
+        // What it prints later is passed on until it leaves.
         let is_leaving = Arc::clone(&self.is_leaving);
-        let tell = move || {
+        let relay = move || {
             for line in complaints {
                 eprintln!("{line}");
             }
@@ -89,17 +89,17 @@ impl ViewerProcess {
                 );
             }
         };
-        Builder::new().spawn(tell).map_err(system("start a thread for what viewers say"))?;
+        Builder::new().spawn(relay).map_err(system("start a thread for what viewers say"))?;
         Ok(self)
     }
 
     fn why_not(&mut self, complaints: &Receiver<String>) -> RunError {
-        let told: Vec<String> = complaints.iter().collect();
+        let lines: Vec<String> = complaints.iter().collect();
         let ended = self.child.wait().ok().and_then(|status| status.code());
         let exit_code = ended.and_then(|code| u8::try_from(code).ok());
-        let told = told.join("\n");
-        let told = told.strip_prefix("morphquad: ").unwrap_or(&told).to_owned();
-        RunError::NotServed { told, exit_code: exit_code.unwrap_or(host::exit::UNFIT) }
+        let text = lines.join("\n");
+        let reason = text.strip_prefix("morphquad: ").unwrap_or(&text).to_owned();
+        RunError::NotServed { reason, exit_code: exit_code.unwrap_or(host::exit::UNFIT) }
     }
 
     /// From here on it leaves for good reason.
@@ -126,15 +126,15 @@ impl Drop for ViewerProcess {
 
 /// What comes out of a pipe, line by line.
 fn lines(pipe: Option<impl Read + Send + 'static>) -> io::Result<Receiver<String>> {
-    let (say, heard) = channel();
+    let (sender, receiver) = channel();
     if let Some(pipe) = pipe {
         Builder::new().spawn(move || {
             for line in BufReader::new(pipe).lines().map_while(Result::ok) {
-                if say.send(line).is_err() {
+                if sender.send(line).is_err() {
                     return;
                 }
             }
         })?;
     }
-    Ok(heard)
+    Ok(receiver)
 }

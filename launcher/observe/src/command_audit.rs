@@ -1,5 +1,5 @@
-//! Who moved the rotors in each tick of the plant, checked against the owner records by one who only
-//! watches: it shares no code with the protocol.
+//! Which seat moved the rotors in each tick of the plant, checked against the owner records by one that
+//! only watches: it shares no code with the protocol.
 
 use runtime::ipc::RECORDER_CAPACITY;
 use serde::Serialize;
@@ -27,7 +27,7 @@ pub struct CommandTally {
     pub wrong_owner: u64,
 }
 
-/// A record, as far as it says who may command.
+/// A record, as far as it states which seat may command.
 #[derive(Debug, Clone, Copy)]
 struct Epoch {
     from_ns: u64,
@@ -42,7 +42,7 @@ struct Life {
     until_ns: u64,
 }
 
-/// What the plant said of a tick.
+/// What the plant published about a tick.
 #[derive(Debug, Clone, Copy)]
 struct Tick {
     at_ns: u64,
@@ -73,16 +73,16 @@ pub(super) struct CommandAudit {
     last_of: BTreeMap<(u32, u32), u64>,
     gaps: Vec<Gap>,
     waiting: VecDeque<Tick>,
-    /// Whose commands counted in the epoch before, and in the one of the last tick.
+    /// The seat whose commands counted in the epoch before, and in the one of the last tick.
     before: Option<(u64, u32)>,
     now: Option<(u64, u32)>,
     last_ns: Option<u64>,
     /// The last command that counted, as long as one is in effect, and until when it is valid \[ns\].
     counted: Option<((u32, u64), u64)>,
-    /// The first tick, if it had a command already: a launcher that takes over has not heard that one \[ns\].
+    /// The first tick, if it had a command already: a launcher that takes over has not received that one \[ns\].
     joined_ns: Option<u64>,
     /// Newest instant at which a command that has arrived begins to count \[ns\].
-    heard_ns: u64,
+    received_ns: u64,
     tally: CommandTally,
 }
 
@@ -98,7 +98,7 @@ impl CommandAudit {
     pub(super) fn command(&mut self, command: &WrenchCommand) {
         let from_ns = command.header.valid_ns;
         let until_ns = from_ns.saturating_add(command.validity_ns);
-        self.heard_ns = self.heard_ns.max(from_ns);
+        self.received_ns = self.received_ns.max(from_ns);
         let key = (command.header.seat, command.header.sequence);
         self.commands.entry(key).or_default().push(Life { from_ns, until_ns });
         let Header { seat, sequence, generation, .. } = command.header;
@@ -128,7 +128,7 @@ impl CommandAudit {
         }
     }
 
-    /// Forgets the ticks so far, and not who may command.
+    /// Forgets the ticks so far, and not which seats may command.
     pub(super) fn anew(self) -> Self {
         Self { waiting: VecDeque::new(), tally: CommandTally::default(), ..self }
     }
@@ -136,7 +136,7 @@ impl CommandAudit {
     /// What is settled of a recording that was cut, whose topics end at different instants.
     pub(super) fn settled(&self) -> CommandTally {
         let newest_ns = self.waiting.back().map_or(0, |tick| tick.at_ns);
-        let settled_ns = newest_ns.saturating_sub(CUT_NS).min(self.heard_ns);
+        let settled_ns = newest_ns.saturating_sub(CUT_NS).min(self.received_ns);
         let mut rest = self.clone();
         while let Some(tick) = rest.waiting.pop_front().filter(|tick| tick.at_ns < settled_ns) {
             rest.judge(&tick);
@@ -165,28 +165,28 @@ impl CommandAudit {
         let is_from_before =
             || self.joined_ns.is_some_and(|ns| tick.at_ns < ns.saturating_add(CARRIED_NS));
         tick.mode == GateMode::Normal
-            && !self.has_heard(tick)
+            && !self.has_received(tick)
             && (self.may_command(seat, followed) && self.gaps.iter().any(is_in) || is_from_before())
     }
 
-    /// True of a tick from before a launcher took over, in an epoch that was over by then: of its records that one has heard
-    /// the last alone.
+    /// True of a tick from before a launcher took over, in an epoch that was over by then: of its records that one has
+    /// received the last alone.
     fn is_of_an_epoch_before(&self, tick: &Tick) -> bool {
-        let first_heard = self.epochs.keys().next();
+        let first_known = self.epochs.keys().next();
         self.joined_ns.is_some()
             && tick.mode == GateMode::Normal
             && tick.epoch > 0
-            && first_heard.is_some_and(|first| tick.epoch < *first)
+            && first_known.is_some_and(|first| tick.epoch < *first)
     }
 
     /// True if a command of that writer and sequence could be in effect in this tick. A process that takes the seat later
     /// comes to the same numbers, and ticks are judged when it may have.
-    fn has_heard(&self, tick: &Tick) -> bool {
+    fn has_received(&self, tick: &Tick) -> bool {
         let mut lives = self.commands.get(&tick.command).into_iter().flatten();
         lives.any(|life| life.from_ns <= tick.at_ns)
     }
 
-    /// True if a seat could be followed in this tick, now or since before, as far as it is known who may be.
+    /// True if a seat could be followed in this tick, now or since before, as far as it is known which may be.
     fn may_command(&self, seat: u32, followed: u32) -> bool {
         let counted = self.counted.map(|((seat, _), _)| seat);
         let before = [self.now, self.before].map(|epoch| epoch.map(|(_, followed)| followed));
@@ -207,7 +207,7 @@ impl CommandAudit {
             self.tally.duplicated += 1;
         }
         let counted = self.counted.take();
-        // A tick tells of the stretch that ends with it, within which a command may run out.
+        // A tick is about the stretch that ends with it, within which a command may run out.
         let began_ns = self.last_ns.replace(tick.at_ns).unwrap_or(tick.at_ns);
         if self.now.is_none_or(|(epoch, _)| epoch != tick.epoch) {
             self.before = self.now;
@@ -219,21 +219,22 @@ impl CommandAudit {
         }
         let (seat, sequence) = tick.command;
         // Before the first command the plant hovers by itself, within the gate's patience; where no
-        // record says which seat may command, every seat may.
+        // record states which seat may command, every seat may.
         if sequence == 0 || self.epochs.is_empty() || is_lost {
             self.counted = counted;
             return;
         }
         let mut lives = self.commands.get(&tick.command).into_iter().flatten();
         let counts = lives.find(|life| {
-            // What was in effect at a flip stays so while it is valid, until the new owner speaks, and beyond the next
-            // flip if that comes first.
+            // What was in effect at a flip stays so while it is valid, until the new owner publishes, and beyond the
+            // next flip if that comes first.
             let carried = || {
                 let is_from_before = record.is_some_and(|record| life.from_ns < record.from_ns);
                 is_from_before && self.before.is_some_and(|(_, followed)| followed == seat)
                     || counted.is_some_and(|(command, _)| command == tick.command)
             };
-            // What a fallback said before it was made the owner counts if it was followed already, or nothing else did.
+            // What a fallback published before it was made the owner counts if it was followed already, or nothing else
+            // did.
             let was_asked = || {
                 tick.failed_over
                     || record.is_none_or(|record| life.from_ns >= record.from_ns)

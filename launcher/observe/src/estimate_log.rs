@@ -1,17 +1,17 @@
-//! What the estimates of a flight say about themselves: how long they stood on no sensor.
+//! What the estimates of a flight report about themselves: how long they stood on no sensor.
 
 use record::Severity;
 use shared_types::{Sample as _, StateEstimate};
 
-/// More changes than this are counted and not told one by one.
+/// More changes than this are counted and not reported one by one.
 const NEWS_MAX: u64 = 200;
 
-/// Silence of the estimator's sensors, counted, and told when it begins and ends.
+/// Silence of the estimator's sensors, counted, and reported when it begins and ends.
 #[derive(Debug, Clone, Default)]
 pub struct EstimateLog {
     imu_overdue: Silence,
     fix_overdue: Silence,
-    told: u64,
+    reported: u64,
     news: Vec<(u64, Severity, String)>,
 }
 
@@ -46,18 +46,18 @@ impl EstimateLog {
             let begins = format!(
                 "no IMU sample since {since_s:.3} s: the estimate stays that of this instant"
             );
-            self.tell(at_ns, self.imu_overdue, &begins, "IMU samples come again");
+            self.report(at_ns, self.imu_overdue, &begins, "IMU samples come again");
         }
         if self.fix_overdue.observe(estimate.fix_overdue.is_set(), at_ns) {
             let begins = "no pose fix is accepted: the estimate drifts";
-            self.tell(at_ns, self.fix_overdue, begins, "pose fixes are accepted again");
+            self.report(at_ns, self.fix_overdue, begins, "pose fixes are accepted again");
         }
     }
 
     /// Notes that a silence has just begun or ended.
-    fn tell(&mut self, at_ns: u64, silence: Silence, begins: &str, ends: &str) {
-        self.told += 1;
-        if self.told > NEWS_MAX {
+    fn report(&mut self, at_ns: u64, silence: Silence, begins: &str, ends: &str) {
+        self.reported += 1;
+        if self.reported > NEWS_MAX {
             return;
         }
         let (severity, text) = match silence.from_ns {
@@ -67,7 +67,7 @@ impl EstimateLog {
         self.news.push((at_ns, severity, text.to_owned()));
     }
 
-    /// Instant \[ns\], severity and text of what has not been told yet.
+    /// Instant \[ns\], severity and text of what has not been taken yet.
     pub(super) fn take_news(&mut self) -> Vec<(u64, Severity, String)> {
         core::mem::take(&mut self.news)
     }

@@ -12,7 +12,7 @@ use shared_types::{
 use std::collections::VecDeque;
 use vehicle::{Geometry, MorphAngle};
 
-/// So long before the loss of a process is told, its lack may show \[ns\].
+/// So long before the loss of a process is reported, its lack may show \[ns\].
 const BEFORE_NS: u64 = 1_500_000_000;
 /// Topics are drained one after the other, each this far ahead of another at most \[ns\].
 const SLACK_NS: u64 = 1_000_000_000;
@@ -220,12 +220,12 @@ impl Evidence {
         }
     }
 
-    /// Takes note of who estimates: another generation goes on where one was lost.
+    /// Takes note of which process estimates: another generation goes on where one was lost.
     pub(super) fn estimate(&mut self, estimate: &StateEstimate) {
         self.generation(0, &estimate.header);
     }
 
-    /// The same of who disturbs.
+    /// The same for the one that disturbs.
     pub(super) fn disturbance(&mut self, disturbance: &Disturbance) {
         self.generation(1, &disturbance.header);
     }

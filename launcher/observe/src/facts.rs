@@ -1,4 +1,4 @@
-//! What is told of a flight: one table, of which every output takes what it tells.
+//! The facts of a flight: one table, from which every output takes those that it shows.
 
 use super::metrics::Metrics;
 use serde_json::{Map, Value};
@@ -11,11 +11,11 @@ pub enum Part {
     Flight,
     /// What was asked of the rotors, and how it was found.
     Constraints,
-    /// When things were done, and by whose command.
+    /// When things were done, and by which command.
     Timing,
 }
 
-/// A number that is told of a flight.
+/// A number that is reported about a flight.
 #[derive(Debug, Clone, Copy)]
 pub struct Fact {
     /// Part of a report that it belongs to.
@@ -46,7 +46,7 @@ macro_rules! facts {
     };
 }
 
-/// Every fact, in the order told.
+/// Every fact, in the order reported.
 pub const FACTS: &[Fact] = facts! {
     Flight "flown_s", "flown", Second => |_m, o| Some(o.flown_s);
     Flight "position_rms_m", "tracking error, rms", Metre => |m, _o| m.tracked().map(|t| t.rms_m);
@@ -141,7 +141,7 @@ impl Fact {
     }
 }
 
-/// What is told of one flight.
+/// The facts of one flight.
 #[derive(Debug, Clone, Default)]
 pub struct Facts(Vec<(&'static Fact, f64)>);
 
@@ -153,7 +153,7 @@ impl Facts {
         Self(FACTS.iter().filter_map(measured).collect())
     }
 
-    /// Every fact with its number, in the order told.
+    /// Every fact with its number, in the order reported.
     pub fn iter(&self) -> impl Iterator<Item = (&'static Fact, f64)> + '_ {
         self.0.iter().copied()
     }
@@ -179,10 +179,11 @@ mod tests {
 
     #[test]
     fn every_check_but_of_the_file_judges_one_fact_in_its_unit() {
-        let told = |key: &str| FACTS.iter().filter(|fact| fact.check == Some(key)).count();
-        let untold = CHECKS.iter().filter(|check| told(check.key) != 1).map(|check| check.key);
-        // A rig's angle is told once, of two limits; whether hashes are those of the flight is told with the hashes.
-        assert_eq!(untold.collect::<Vec<_>>(), ["lost_rad", "altered_max"]);
+        let facts_of = |key: &str| FACTS.iter().filter(|fact| fact.check == Some(key)).count();
+        let without_fact =
+            CHECKS.iter().filter(|check| facts_of(check.key) != 1).map(|check| check.key);
+        // A rig's angle is one fact for two limits; whether hashes are those of the flight is shown with the hashes.
+        assert_eq!(without_fact.collect::<Vec<_>>(), ["lost_rad", "altered_max"]);
         for fact in FACTS.iter().filter(|fact| fact.check.is_some()) {
             let check = CHECKS.iter().find(|check| Some(check.key) == fact.check);
             assert_eq!(check.map(|check| check.unit), Some(fact.unit), "{}", fact.key);

@@ -1,4 +1,4 @@
-//! The two hashes of a flight: what the vehicle did, and everything that was said.
+//! The two hashes of a flight: what the vehicle did, and everything that was published.
 //!
 //! Both are chains of samples, one per topic and seat, combined in the order of the topics' numbers and of seats; no
 //! name of a topic, type or field is part of them. As a chain has its samples in the order of their sequence, hence of
@@ -18,7 +18,7 @@ pub struct FlightHash(Chains);
 #[derive(Debug, Clone, Default)]
 pub struct LogHash(Chains);
 
-/// Form of the two hashes. Those of a recording of another form say nothing about ours.
+/// Form of the two hashes. Those of a recording of another form cannot be compared with ours.
 pub const HASH_FORM: (&str, &str) = ("hash_form", "2");
 
 /// A hash that the summary of a recording keeps, if it is of today's form.
@@ -206,7 +206,7 @@ mod tests {
         let Ok(()) = topics::visit_all(&mut Each);
     }
 
-    /// Adds a sample of each topic up to a number, whose every byte tells its place.
+    /// Adds a sample of each topic up to a number, whose every byte depends on its place.
     struct UpTo(u32, FlightHash, LogHash);
 
     impl UpTo {

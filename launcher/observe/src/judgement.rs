@@ -11,21 +11,21 @@ use shared_types::LoopStats;
 pub const ENDED: &str = "ended";
 /// Of a recording's summary: logical time through which every loop is complete \[ns\].
 pub const FLOWN_NS: &str = "flown_ns";
-/// The word for a flight that ended at the instant planned.
+/// The text for a flight that ended at the instant planned.
 const PLANNED: &str = "as planned";
-/// The word for a flight that the user ended.
+/// The text for a flight that the user ended.
 const INTERRUPTED: &str = "interrupted";
 /// What comes before the reason of a crash.
 const CRASHED: &str = "crashed: ";
 
-/// What no sample tells of a flight.
+/// What no sample shows of a flight.
 #[derive(Debug, Clone, Default)]
 pub struct Closing {
     /// How it ended.
     pub end: End,
     /// Logical time through which every loop is complete \[ns\].
     pub flown_ns: u64,
-    /// Samples and states that the recorder lost, and whose.
+    /// Samples and states that the recorder lost, and their writers.
     pub dropped: (u64, String),
     /// Hashes of a recording that are not those of its flight.
     pub altered: u64,
@@ -84,7 +84,7 @@ impl Metrics {
         verdict.line(&self.rules().scenario)
     }
 
-    /// What is told of the flight; call [`Metrics::finish`] first.
+    /// The facts of the flight; call [`Metrics::finish`] first.
     #[must_use]
     pub fn facts(&self, closing: &Closing) -> Facts {
         Facts::of(self, &self.outcome(closing))

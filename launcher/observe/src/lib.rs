@@ -1,7 +1,8 @@
 //! What is made of the samples of a flight, one by one: its hash, what is measured of it and what it is judged by.
 //!
 //! [`Observer`] is what sees a flight. [`Metrics`] gathers the facts with bounded memory and judges; [`FlightHash`]
-//! and [`LogHash`] say whether two flights are the same; [`stopwatch`] and [`usage`] serve those who measure times.
+//! and [`LogHash`] show whether two flights are the same; [`stopwatch`] and [`usage`] serve programs that measure
+//! times.
 
 mod command_audit;
 mod course_bins;

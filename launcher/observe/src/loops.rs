@@ -28,7 +28,7 @@ impl LoopLedger {
         self.lives.insert(((stats.role.0, seat_of_loop(seat)), generation), *stats);
     }
 
-    /// Takes word of a process that begins in flight.
+    /// Takes note of a process that begins in flight.
     pub fn seated(&mut self, seating: &Seating) {
         if seating.kind != SeatingKind::Joined {
             return;
@@ -128,7 +128,7 @@ fn sum(past: &LoopStats, next: &LoopStats) -> LoopStats {
         allocations_at_changes: past.allocations_at_changes + next.allocations_at_changes,
         faults_at_changes: past.faults_at_changes + next.faults_at_changes,
         generation: past.generation,
-        // Who it is, and its last word.
+        // Which loop it is, and its last totals.
         ..*next
     }
 }
@@ -138,7 +138,7 @@ mod tests {
     use super::*;
     use shared_types::Flag;
 
-    fn told(seat: u32, generation: u32, steps: u64) -> LoopStats {
+    fn totals(seat: u32, generation: u32, steps: u64) -> LoopStats {
         let header = Header { seat: 8 * seat + Role::Attitude.0, generation, ..Header::default() };
         LoopStats { header, role: Role::Attitude, steps, skipped: 1, ..LoopStats::default() }
     }
@@ -152,15 +152,15 @@ mod tests {
     fn a_process_started_again_goes_on_and_one_that_takes_the_seat_adds() {
         let mut ledger = LoopLedger::default();
         for (seat, generation, steps) in [(0, 0, 10), (0, 0, 20), (1, 0, 5), (0, 1, 30)] {
-            ledger.observe(&told(seat, generation, steps));
+            ledger.observe(&totals(seat, generation, steps));
         }
-        // The word that tells a tenant from a restart may come after its first totals.
-        ledger.observe(&told(1, 1, 7));
-        ledger.observe(&told(1, 0, 6));
+        // The sample that distinguishes a tenant from a restart may come after its first totals.
+        ledger.observe(&totals(1, 1, 7));
+        ledger.observe(&totals(1, 0, 6));
         ledger.seated(&seated(1, 1, 9));
         ledger.seated(&seated(0, 1, 0));
         // Another one is started again and joins, from the state of its own seat.
-        ledger.observe(&told(1, 2, 1));
+        ledger.observe(&totals(1, 2, 1));
         ledger.seated(&Seating { state_seat: 1, ..seated(1, 2, 20) });
         let seats = ledger.seats();
         let names: Vec<_> = seats.iter().map(seat_name).collect();

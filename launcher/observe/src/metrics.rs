@@ -27,9 +27,9 @@ pub struct News {
     pub at_ns: u64,
     /// How bad it is.
     pub severity: Severity,
-    /// Of what it is told.
+    /// What it is about.
     pub source: &'static str,
-    /// In words.
+    /// As text.
     pub text: String,
 }
 
@@ -54,7 +54,7 @@ pub struct Effort {
     pub most_iterations: u64,
 }
 
-/// Everything the summary tells about the flight.
+/// Everything that the summary reports about the flight.
 #[derive(Debug, Clone, Default)]
 pub struct Metrics {
     tracker: Tracker,
@@ -165,7 +165,7 @@ impl Metrics {
         self.tracker.compare(false, &mut self.evidence);
     }
 
-    /// True if the controller that says this owned the slot then; a shadow's errors do no harm.
+    /// True if the controller that published this owned the slot then; a shadow's errors do no harm.
     fn is_owner(&self, slot: Role, header: &Header) -> bool {
         let of_slot = self.owners.iter().rev().filter(|(of, ..)| *of == slot);
         let owner = of_slot.clone().find(|(_, from_ns, _)| *from_ns <= header.valid_ns);
@@ -194,7 +194,7 @@ impl Metrics {
         self.commands.applied(applied);
     }
 
-    /// Whose commands were applied, tick by tick.
+    /// The seats whose commands were applied, tick by tick.
     #[must_use]
     pub fn commands(&self) -> CommandTally {
         self.commands.tally()
@@ -259,7 +259,7 @@ impl Metrics {
         &self.estimates
     }
 
-    /// What has not been told yet.
+    /// What has not been taken yet.
     pub fn take_news(&mut self) -> Vec<News> {
         let misses = self.misses.take_news().into_iter();
         let misses = misses.map(|(at_ns, text)| News {
@@ -275,7 +275,7 @@ impl Metrics {
         misses.chain(estimates).collect()
     }
 
-    /// The gate's last word, its counters included.
+    /// The gate's last sample, its counters included.
     #[must_use]
     pub fn gate(&self) -> &AppliedCommand {
         &self.gate

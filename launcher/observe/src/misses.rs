@@ -1,6 +1,6 @@
 //! Where a flight missed its deadlines: by edge or loop, how often, from when to when, how badly.
 //!
-//! All of it comes from the `deviation` topic, in which each loop tells what a step lacked.
+//! All of it comes from the `deviation` topic, in which each loop reports what a step lacked.
 
 use core::fmt;
 use serde_json::{Value, json};
@@ -8,7 +8,7 @@ use shared_types::time::s_from_ns;
 use shared_types::{Deviation, DeviationKind, Role, topics};
 use std::collections::BTreeMap;
 
-/// Who tells of misses, in the recording.
+/// Source of misses in the recording.
 pub const TIMING: &str = "timing";
 /// Logical time between the first two events about one place \[ns\]; each later one waits twice as long.
 const QUIET_NS: u64 = 1_000_000_000;
@@ -26,7 +26,7 @@ pub enum Place {
     Skipped(&'static str),
 }
 
-/// An edge in words.
+/// An edge as text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct EdgeName {
     /// Label of the producer.
@@ -92,12 +92,12 @@ pub struct Missed {
     pub worst_ns: u64,
     /// Step that this happened to \[ns\].
     pub worst_at_ns: u64,
-    told: Option<Told>,
+    reported: Option<Reported>,
 }
 
-/// What has been told of a place.
+/// What has been reported about a place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Told {
+struct Reported {
     /// From when on there may be news \[ns\].
     next_ns: u64,
     quiet_ns: u64,
@@ -120,12 +120,12 @@ impl fmt::Display for Missed {
 #[derive(Debug, Clone, Default)]
 pub struct MissLog {
     places: BTreeMap<Place, Missed>,
-    /// Instant and text of what is to be told, see [`MissLog::take_news`].
+    /// Instant and text of what is to be reported, see [`MissLog::take_news`].
     news: Vec<(u64, String)>,
 }
 
 impl MissLog {
-    /// Takes note of a deviation; `without_position` says that the pilot fills the position slot.
+    /// Takes note of a deviation; `without_position` means that the pilot fills the position slot.
     pub fn observe(&mut self, deviation: &Deviation, without_position: bool) {
         let Some(place) = place_of(deviation, without_position) else { return };
         let at_ns = deviation.header.release_ns;
@@ -140,7 +140,7 @@ impl MissLog {
             last_ns: 0,
             worst_ns: 0,
             worst_at_ns: 0,
-            told: None,
+            reported: None,
         };
         let misses = self.places.entry(place).or_insert(unseen);
         misses.count += count;
@@ -148,13 +148,13 @@ impl MissLog {
         if late_ns > misses.worst_ns {
             (misses.worst_ns, misses.worst_at_ns) = (late_ns, at_ns);
         }
-        let before = misses.told;
-        if before.is_none_or(|told| at_ns >= told.next_ns) {
-            let quiet_ns = before.map_or(QUIET_NS, |told| told.quiet_ns.saturating_mul(2));
+        let before = misses.reported;
+        if before.is_none_or(|last| at_ns >= last.next_ns) {
+            let quiet_ns = before.map_or(QUIET_NS, |last| last.quiet_ns.saturating_mul(2));
             let next_ns = at_ns.saturating_add(quiet_ns);
-            misses.told = Some(Told { next_ns, quiet_ns, count: misses.count });
-            let more = before.map_or(String::new(), |told| {
-                format!("{} more since it was told last, in all ", misses.count - told.count)
+            misses.reported = Some(Reported { next_ns, quiet_ns, count: misses.count });
+            let more = before.map_or(String::new(), |last| {
+                format!("{} more since it was told last, in all ", misses.count - last.count)
             });
             self.news.push((at_ns, format!("{place}: {more}{misses}")));
         }
@@ -234,10 +234,10 @@ mod tests {
     #[test]
     fn what_a_writer_has_said_while_it_did_not_count_is_no_miss() {
         let mut log = MissLog::default();
-        let unheard = deviation(DeviationKind::LostSamples, 500, 7, 57);
-        log.observe(&Deviation { due_ns: 500_000_000, ..unheard }, false);
+        let lost = deviation(DeviationKind::LostSamples, 500, 7, 57);
+        log.observe(&Deviation { due_ns: 500_000_000, ..lost }, false);
         assert_eq!(log.places().count(), 0);
-        log.observe(&unheard, false);
+        log.observe(&lost, false);
         assert_eq!(log.places().count(), 1);
     }
 
@@ -253,7 +253,7 @@ mod tests {
         assert_eq!((misses.worst_ns, misses.worst_at_ns), (3_000_000, 500_000_000));
         let json = log.to_json();
         assert_eq!((&json[0]["topic"], &json[0]["count"]), (&json!("wrench_command"), &json!(3)));
-        // Both within one second: told once.
+        // Both within one second: reported once.
         assert_eq!(log.take_news().len(), 1);
     }
 
@@ -264,8 +264,8 @@ mod tests {
             log.observe(&deviation(DeviationKind::LateSamples, second * 1000, 7, 7), false);
         }
         let news = log.take_news();
-        let told: Vec<_> = news.iter().map(|(at_ns, _)| at_ns / 1_000_000_000).collect();
-        assert_eq!(told, [1, 2, 4, 8, 16]);
+        let seconds: Vec<_> = news.iter().map(|(at_ns, _)| at_ns / 1_000_000_000).collect();
+        assert_eq!(seconds, [1, 2, 4, 8, 16]);
         let last = &news[4].1;
         assert!(
             last.contains(": 8 more since it was told last, in all 16, first at 1.000"),

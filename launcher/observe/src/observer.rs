@@ -19,9 +19,9 @@ pub trait Observer: 'static {
     fn observe_state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
     /// Called with a state that a process goes on from, or the last of one, which may have been published and not wanted.
     fn keep_state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
-    /// Called before a sample is published, and may change it: what a spoiled controller would have said.
+    /// Called before a sample is published, and may change it: what a spoiled controller would have published.
     fn alter<T: Sample>(&mut self, _topic: &'static Topic<T>, _sample: &mut T) {}
-    /// Called for what is told of the flight in words.
+    /// Called for each event of the flight, as text.
     fn note(&mut self, _logical_ns: u64, _warning: bool, _text: &str) {}
 }
 

@@ -37,7 +37,7 @@ pub struct Stamp {
     pub start_mono_ns: u64,
     /// When it was published \[ns\].
     pub publish_mono_ns: u64,
-    /// Seat of who wrote it.
+    /// Seat of its writer.
     pub seat: u32,
 }
 
@@ -85,7 +85,7 @@ pub struct Seen {
 pub struct Look {
     /// When \[ns\].
     pub mono_ns: u64,
-    /// Who was there.
+    /// The instances that were there.
     pub seen: Vec<Seen>,
 }
 
@@ -115,7 +115,7 @@ impl core::fmt::Debug for Stopwatch {
 }
 
 impl Stopwatch {
-    /// Tells of the start as soon as it is known.
+    /// Reports the start as soon as it is known.
     #[must_use]
     pub fn telling(on_start: OnStart) -> Self {
         Self { on_start: Some(on_start), ..Self::default() }
@@ -130,8 +130,8 @@ impl Stopwatch {
     /// Takes note of the start.
     pub fn started(&mut self, start_mono_ns: u64) {
         self.start_mono_ns = start_mono_ns;
-        if let Some(tell) = self.on_start.take() {
-            tell(start_mono_ns);
+        if let Some(notify) = self.on_start.take() {
+            notify(start_mono_ns);
         }
     }
 

@@ -64,7 +64,7 @@ impl Course {
         }
     }
 
-    /// The next pose whose reference is known; `finished` says that no reference will follow.
+    /// The next pose whose reference is known; `finished` means that no reference will follow.
     pub fn next(&mut self, finished: bool) -> Option<Point> {
         loop {
             let &Pose { t_ns, position_w_m: was_w_m, yaw_rad } = self.waiting.front()?;

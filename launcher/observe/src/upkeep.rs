@@ -108,10 +108,10 @@ mod tests {
         };
         let quiet = LoopStats { role: Role::Plant, ..LoopStats::default() };
         let upkeep = Upkeep::of(&[quiet, shadow]);
-        let told = upkeep.to_string();
-        assert!(told.contains("3 page faults and 2 allocations of warm loops"), "{told}");
-        assert!(told.contains("; 5 and 0 while processes joined or left"), "{told}");
-        assert!(told.contains("attitude@1: 3 page faults") && !told.contains("plant"), "{told}");
+        let text = upkeep.to_string();
+        assert!(text.contains("3 page faults and 2 allocations of warm loops"), "{text}");
+        assert!(text.contains("; 5 and 0 while processes joined or left"), "{text}");
+        assert!(text.contains("attitude@1: 3 page faults") && !text.contains("plant"), "{text}");
         assert_eq!(upkeep.to_json()[1]["faults_at_changes"], 5);
     }
 }

@@ -40,10 +40,10 @@ impl Usage {
 
     /// From the texts of `stat` and `status`.
     fn parse(stat: &str, status: &str, ticks_per_s: u64, page_bytes: u64) -> Option<Self> {
-        // The name before it may hold anything; the word after it is the third.
+        // The name before it may hold anything; the field after it is the third.
         let (_, rest) = stat.rsplit_once(')')?;
-        let words: Vec<&str> = rest.split_whitespace().collect();
-        let field = |number: usize| words.get(number - 3)?.parse::<u64>().ok();
+        let fields: Vec<&str> = rest.split_whitespace().collect();
+        let field = |number: usize| fields.get(number - 3)?.parse::<u64>().ok();
         let line = |name: &str| {
             let value = status.lines().find_map(|line| line.strip_prefix(name))?;
             value.trim_start_matches(':').trim().parse::<u64>().ok()
@@ -110,7 +110,7 @@ pub struct MachineTime {
 }
 
 impl MachineTime {
-    /// Since the machine was started; nothing where the system does not tell.
+    /// Since the machine was started; nothing where the system does not report it.
     #[must_use]
     pub fn read() -> Self {
         Self::parse(&fs::read_to_string("/proc/stat").unwrap_or_default()).unwrap_or_default()

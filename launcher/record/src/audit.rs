@@ -19,7 +19,7 @@ pub struct Tally {
     pub repeated: u64,
     /// Times the numbering fell back although logical time went on.
     pub renumbered: u64,
-    /// Processes that wrote, one after the other, as far as their samples tell.
+    /// Processes that wrote, one after the other, as far as their samples show.
     pub writers: u64,
     /// Release of the last sample \[ns\].
     last_release_ns: u64,
@@ -124,11 +124,11 @@ impl SequenceAudit {
     }
 }
 
-/// Gaps in words: `3 of imu, 1 of truth`.
+/// Gaps as text: `3 of imu, 1 of truth`.
 #[must_use]
 pub fn name_gaps(gaps: &[(&str, u64)]) -> String {
-    let told = gaps.iter().map(|(channel, count)| format!("{count} of {channel}"));
-    told.collect::<Vec<_>>().join(", ")
+    let parts = gaps.iter().map(|(channel, count)| format!("{count} of {channel}"));
+    parts.collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ pub struct Build {
 
 static BUILD: OnceLock<Build> = OnceLock::new();
 
-/// Tells it, once, before anything else: only the executable knows, for a library that knew would be
+/// Sets it, once, before anything else: only the executable knows, for a library that knew would be
 /// rebuilt with every commit.
 pub fn declare(build: Build) {
     BUILD.get_or_init(|| build);

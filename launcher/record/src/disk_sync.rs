@@ -21,7 +21,7 @@ impl DiskSync {
     pub(super) fn of(sync: impl Fn() -> io::Result<()> + Send + 'static) -> io::Result<Self> {
         let (request, requests) = sync_channel(1);
         let failure = Arc::<OnceLock<io::Error>>::default();
-        let told = Arc::clone(&failure);
+        let reported = Arc::clone(&failure);
         let sync_on_request = move || {
             while requests.recv().is_ok() {
                 match sync() {
@@ -30,7 +30,7 @@ impl DiskSync {
                     // A file that is on no disk cannot be synced.
                     Err(error) if error.kind() == ErrorKind::InvalidInput => return,
                     Err(error) => {
-                        let _ = told.set(error);
+                        let _ = reported.set(error);
                         return;
                     }
                 }
@@ -46,7 +46,7 @@ impl DiskSync {
     /// More has been written. Never waits.
     ///
     /// # Errors
-    /// What the disk said.
+    /// The error of the disk.
     pub(super) fn request(&self) -> io::Result<()> {
         self.failed()?;
         if let Some(request) = &self.request {
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn what_the_disk_refuses_is_told_and_what_is_no_disk_is_left_alone() {
-        for (kind, is_told) in
+        for (kind, is_reported) in
             [(io::ErrorKind::StorageFull, true), (io::ErrorKind::InvalidInput, false)]
         {
             let (done, wait) = channel::<()>();
@@ -130,7 +130,7 @@ mod tests {
             let _ = disk_sync.request();
             // It leaves with the first error, and hangs up.
             let _ = wait.recv();
-            assert_eq!(disk_sync.request().is_err(), is_told, "{kind}");
+            assert_eq!(disk_sync.request().is_err(), is_reported, "{kind}");
         }
     }
 }

@@ -35,7 +35,7 @@ struct Encoder<'a> {
 }
 
 impl Encoder<'_> {
-    /// Number of a field; `None` for padding. Fields are told apart by their offset, because a constant may have
+    /// Number of a field; `None` for padding. Fields are distinguished by their offset, because a constant may have
     /// several addresses.
     fn number(&mut self, field: &Field) -> Option<u32> {
         while self.fields.get(self.at).is_some_and(|f| f.offset != field.offset) {

@@ -10,18 +10,18 @@ pub enum RecordError {
     Create {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         cause: std::io::Error,
     },
     /// A write failed. The flight goes on; what is on disk so far can be read.
-    #[error("recording {} stopped: {}; free space or use --record DIR", path.display(), words(cause))]
+    #[error("recording {} stopped: {}; free space or use --record DIR", path.display(), cause_text(cause))]
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system or the format's writer says.
+        /// The error of the system or the format's writer.
         cause: mcap::McapError,
     },
-    /// Told at the end of a recording that had stopped earlier.
+    /// Reported at the end of a recording that had stopped earlier.
     #[error(
         "recording {} is incomplete: it stopped with \"{cause}\", holds everything up to {:.3} s and \
          misses at most the last {unrecorded} records; free space or use --record DIR",
@@ -30,7 +30,7 @@ pub enum RecordError {
     Incomplete {
         /// The file.
         path: PathBuf,
-        /// What was said when it stopped.
+        /// What was reported when it stopped.
         cause: String,
         /// Release of the newest sample that was handed to the system before \[ns\].
         until_ns: u64,
@@ -45,8 +45,8 @@ impl RecordError {
     }
 }
 
-/// The cause in words; the format's writer hides what the system says behind a general phrase.
-pub(super) fn words(cause: &mcap::McapError) -> String {
+/// The cause as text; the format's writer hides the system's error behind a general phrase.
+pub(super) fn cause_text(cause: &mcap::McapError) -> String {
     match cause {
         mcap::McapError::Io(system) => system.to_string(),
         other => other.to_string(),

@@ -149,7 +149,7 @@ pub struct Machine {
 const UNKNOWN: &str = "unknown";
 
 impl Machine {
-    /// Reads `/proc`; what it does not tell is "unknown".
+    /// Reads `/proc`; what it does not show is "unknown".
     #[must_use]
     pub fn read() -> Self {
         let kernel = fs::read_to_string("/proc/sys/kernel/osrelease").ok();

@@ -48,7 +48,7 @@ impl Keyframes {
         let period = release_ns / KEYFRAME_PERIOD_NS;
         let state = Kept { generation, sequence, period, deviation_sequence };
         let last = self.last.insert((role, header.seat), state);
-        // What a loop tells when it leaves does not make its last state another one.
+        // What a loop publishes when it leaves does not make its last state another one.
         last.is_none_or(|last| (last.generation, last.sequence) != (generation, sequence))
     }
 }

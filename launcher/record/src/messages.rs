@@ -69,14 +69,14 @@ pub enum Severity {
     Fatal,
 }
 
-/// Something that happened in a flight, told in words.
+/// Something that happened in a flight, as text.
 #[derive(Debug, Clone, Copy)]
 pub struct Event<'a> {
     /// Logical instant \[ns\].
     pub logical_ns: u64,
     /// How bad it is.
     pub severity: Severity,
-    /// Who tells it.
+    /// Its source.
     pub source: &'a str,
     /// One sentence.
     pub text: &'a str,
@@ -158,7 +158,7 @@ pub fn encode_log(event: &Event<'_>, stamp_ns: u64, out: &mut Vec<u8>) {
 /// Reads what [`encode_log`] wrote: Unix time \[ns\], level, text and source.
 ///
 /// # Errors
-/// Bytes that are not such a message: says which field.
+/// Bytes that are not such a message: names the field.
 pub fn decode_log(bytes: &[u8]) -> Result<(u64, u64, String, String), DecodeError> {
     let mut reader = Fields::new("Log", bytes);
     let mut stamp = Fields::new("Timestamp", reader.delimited(1, "timestamp")?);
@@ -204,10 +204,10 @@ mod tests {
         encode_log(&event, 5, &mut log);
         assert!(decode_log(&log).is_ok());
         for extra in [&[8, 1][..], &[0], &[0, 0, 0]] {
-            let told = |error: super::DecodeError| error.to_string();
-            let state = decode_state(&[&state, extra].concat()).map(drop).map_err(told);
+            let text = |error: super::DecodeError| error.to_string();
+            let state = decode_state(&[&state, extra].concat()).map(drop).map_err(text);
             assert_eq!(state, Err("ServiceState.state: bytes are left over".to_owned()));
-            let log = decode_log(&[&log, extra].concat()).map(drop).map_err(told);
+            let log = decode_log(&[&log, extra].concat()).map(drop).map_err(text);
             assert_eq!(log, Err("Log.name: bytes are left over".to_owned()));
         }
     }

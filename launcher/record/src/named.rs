@@ -28,7 +28,7 @@ pub enum Unnamed {
 }
 
 /// The file that a word means: the newest in [`FOLDER`] for [`LATEST`], itself if there is one, else the only one there
-/// whose name, or the ID of whose run, begins with it. Another word is given back as it is; so is the name of a shipped
+/// whose name, or the ID of whose run, begins with it. Any other word is returned as it is; so is the name of a shipped
 /// scenario, which `--name` gives to no recording.
 ///
 /// # Errors

@@ -113,7 +113,7 @@ impl Registry {
         self.writer.add_channel(schema_id, name, "protobuf", about)
     }
 
-    /// A channel that says whose samples its messages repeat in another form, and how often.
+    /// A channel that names the topic whose samples its messages repeat in another form, and how often.
     fn add_derived(&mut self, channel: &scene::Channel) -> McapResult<u16> {
         let schema_id = match (channel.schema)() {
             Some(schema) => self.writer.add_schema(&schema.name, &schema.encoding, &schema.data)?,

@@ -33,7 +33,7 @@ pub struct Recorder {
     full: Option<Sender<Batch>>,
     empty: Receiver<Batch>,
     writer: Option<JoinHandle<Recording>>,
-    /// First error of the writer, not told yet.
+    /// First error of the writer, not returned yet.
     failure: Option<RecordError>,
     last_flush_ns: Option<u64>,
 }
@@ -82,7 +82,7 @@ impl Recorder {
 
     /// As [`Recording::set_start`].
     pub fn set_start(&mut self, start_mono_ns: u64) {
-        self.batch.items.push(Item::Word(Box::new(Word::Start(start_mono_ns))));
+        self.batch.items.push(Item::Entry(Box::new(Entry::Start(start_mono_ns))));
     }
 
     /// As [`Recording::write`].
@@ -128,8 +128,8 @@ impl Recorder {
         let Event { logical_ns, severity, source, text } = *event;
         let (source, text) = (source.to_owned(), text.to_owned());
         self.batch.bytes += text.len();
-        let word = Word::Event { logical_ns, severity, source, text };
-        self.batch.items.push(Item::Word(Box::new(word)));
+        let entry = Entry::Event { logical_ns, severity, source, text };
+        self.batch.items.push(Item::Entry(Box::new(entry)));
         self.hand_over_if_full()
     }
 
@@ -139,8 +139,8 @@ impl Recorder {
     /// As [`write`](Self::write).
     pub fn attach_scenario(&mut self, name: &str, text: &str) -> Result<(), RecordError> {
         self.batch.bytes += text.len();
-        let word = Word::Scenario { name: name.to_owned(), text: text.to_owned() };
-        self.batch.items.push(Item::Word(Box::new(word)));
+        let entry = Entry::Scenario { name: name.to_owned(), text: text.to_owned() };
+        self.batch.items.push(Item::Entry(Box::new(entry)));
         self.hand_over_if_full()
     }
 
@@ -156,7 +156,7 @@ impl Recorder {
             self.batch.flushes = true;
             self.hand_over();
         }
-        self.told()
+        self.take_failure()
     }
 
     /// As [`Recording::finish`], once everything has been written.
@@ -175,7 +175,7 @@ impl Recorder {
         if self.batch.bytes >= BATCH_BYTES {
             self.hand_over();
         }
-        self.told()
+        self.take_failure()
     }
 
     /// Gives the batch to the writer and takes an empty one, for which it waits if the writer is behind.
@@ -189,7 +189,7 @@ impl Recorder {
                 }
                 self.batch = batch;
             }
-            // It is told once: afterwards there is no writer to send anything to.
+            // It is reported once: afterwards there is no writer to send anything to.
             Err(_) if is_sent || self.full.is_some() => {
                 self.full = None;
                 let stopped = self.stopped();
@@ -199,7 +199,7 @@ impl Recorder {
         }
     }
 
-    fn told(&mut self) -> Result<(), RecordError> {
+    fn take_failure(&mut self) -> Result<(), RecordError> {
         self.failure.take().map_or(Ok(()), Err)
     }
 
@@ -242,12 +242,12 @@ enum Item {
     /// A sample of the topic with this number.
     Sample(usize),
     State,
-    Word(Box<Word>),
+    Entry(Box<Entry>),
 }
 
-/// What is told now and then.
+/// What is written now and then.
 #[derive(Debug)]
-enum Word {
+enum Entry {
     Start(u64),
     Event { logical_ns: u64, severity: Severity, source: String, text: String },
     Scenario { name: String, text: String },
@@ -299,7 +299,7 @@ impl Batch {
                     }
                     None => Ok(()),
                 },
-                Item::Word(word) => word.write(recording),
+                Item::Entry(entry) => entry.write(recording),
             };
             if let Err(error) = written {
                 self.failure.get_or_insert(error);
@@ -316,7 +316,7 @@ impl Batch {
     }
 }
 
-impl Word {
+impl Entry {
     fn write(&self, recording: &mut Recording) -> Result<(), RecordError> {
         match self {
             Self::Start(start_mono_ns) => {

@@ -1,7 +1,7 @@
 //! The recording of one flight as an MCAP file.
 
 use super::disk_sync::DiskSync;
-use super::error::words;
+use super::error::cause_text;
 use super::messages::{self, Event};
 use super::open::{Channel, FileWriter, open};
 use super::sink::{Sink, Valve};
@@ -19,7 +19,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Once};
 
-/// An open recording. It never ends silently: [`Recording::finish`] completes the file and tells
+/// An open recording. It never ends silently: [`Recording::finish`] completes the file and returns
 /// every error; dropped without it, the file stays what a killed recorder leaves, a readable
 /// prefix that no reader takes for complete.
 #[must_use = "a recording is complete only after `finish`"]
@@ -115,7 +115,7 @@ impl Recording {
         })
     }
 
-    /// Realtime: tells `CLOCK_MONOTONIC` at logical time 0 \[ns\], before the first sample.
+    /// Realtime: sets `CLOCK_MONOTONIC` at logical time 0 \[ns\], before the first sample.
     pub fn set_start(&mut self, start_mono_ns: u64) {
         self.start_mono_ns = start_mono_ns;
     }
@@ -270,7 +270,7 @@ impl Recording {
         match self.clock {
             Clock::Lockstep => self.epoch_unix_ns.saturating_add(header.release_ns),
             Clock::Realtime { .. } => {
-                // Words of the launcher and deviations carry no stamp of their own.
+                // Samples of the launcher and deviations carry no stamp of their own.
                 let publish_mono_ns = match header.publish_mono_ns {
                     0 => receipt_mono_ns,
                     stamped => stamped,
@@ -299,7 +299,7 @@ impl Recording {
     fn fail(&mut self, cause: mcap::McapError) -> RecordError {
         self.valve.close();
         self.writer = None;
-        self.failure = words(&cause);
+        self.failure = cause_text(&cause);
         RecordError::write(&self.path, cause)
     }
 }

@@ -111,7 +111,7 @@ impl Again<'_> {
         if let Some(state) = restored {
             executor.restore(&state.bytes).map_err(|error| ReplayError::Restore { role, error })?;
         }
-        executor.hear_from(&life.heard_from(graph));
+        executor.hear_from(&life.first_generations(graph));
         if let Some((join_ns, track_until_ns)) = joined {
             executor.join_at(join_ns, track_until_ns);
         }
@@ -168,8 +168,8 @@ impl InputVisitor for Connect<'_> {
         if let Some(last) = self.latched.next() {
             exceptions = exceptions.killed_after(last.as_ref());
         }
-        for (whose, from_ns) in self.recorded.free_seats_taken(edge.from) {
-            exceptions.seated(&topic.info, whose, from_ns);
+        for (writer, from_ns) in self.recorded.free_seats_taken(edge.from) {
+            exceptions.seated(&topic.info, writer, from_ns);
         }
         let samples = self.recorded.tapes.of(topic);
         let (blank, in_flight) = (!self.is_restored, self.in_flight);
@@ -202,7 +202,7 @@ fn last_state<'a>(recorded: &'a Recorded, life: &Life) -> Option<&'a RecordedSta
     })
 }
 
-/// What each input had in effect in a state; nothing is told of one of another layout.
+/// What each input had in effect in a state; nothing is known of one of another layout.
 fn latched_in(layout: &Layout, state: &RecordedState) -> Vec<Option<Header>> {
     let Some(parts) = layout.parts(&state.bytes) else { return Vec::new() };
     // A sample begins with its header.

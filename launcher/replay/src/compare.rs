@@ -36,10 +36,10 @@ pub struct Difference {
     pub replayed: String,
 }
 
-/// What the replay of one service says.
+/// What the replay of one service has found.
 #[derive(Debug, Clone)]
 pub struct ServiceVerdict {
-    /// Who it is.
+    /// Which instance it is.
     pub instance: Instance,
     /// Why nothing of it could be flown again, if so.
     pub left_out: Option<&'static str>,
@@ -59,7 +59,7 @@ pub struct ServiceVerdict {
     pub first: Option<Difference>,
 }
 
-/// What the replay of a recording says.
+/// What the replay of a recording has found.
 #[derive(Debug, Clone)]
 pub struct Verification {
     /// Service by service, in data-flow order.
@@ -91,34 +91,34 @@ impl Verification {
     }
 }
 
-/// Flies those that `whom` means again, or all that took part, and compares. `done` is called after
+/// Flies those that `asked` means again, or all that took part, and compares. `done` is called after
 /// each.
 ///
 /// # Errors
 /// [`ReplayError`]; a difference is no error.
 pub fn verify(
     flight: &RecordedFlight,
-    whom: &[Who],
+    asked: &[Who],
     mut done: impl FnMut(&ServiceVerdict),
 ) -> Result<Verification, ReplayError> {
     super::refuse_branched(flight)?;
     let scenario = flight.scenario();
     let graph = scenario.graph().map_err(|error| ReplayError::Wiring(error.to_string()))?;
-    if let Some(who) = whom.iter().find(|who| graph.node(who.role).is_none()) {
+    if let Some(who) = asked.iter().find(|who| graph.node(who.role).is_none()) {
         return Err(ReplayError::NotFlown { role: who.role.label() });
     }
     let assignment = Assignment::of(scenario.settings());
     let mut verification = Verification { services: Vec::new(), complete: true };
     for node in graph.nodes() {
         let role = node.role;
-        let of_role: Vec<&Who> = whom.iter().filter(|who| who.role == role).collect();
-        if of_role.is_empty() && !whom.is_empty() {
+        let of_role: Vec<&Who> = asked.iter().filter(|who| who.role == role).collect();
+        if of_role.is_empty() && !asked.is_empty() {
             continue;
         }
         let recorded = load(flight, role, &Topics::of_all(role, scenario)?)?;
         verification.complete = recorded.closing.complete;
         let mut meant = Vec::new();
-        for who in of_role.iter().copied().chain(whom.is_empty().then_some(&Who::all_of(role))) {
+        for who in of_role.iter().copied().chain(asked.is_empty().then_some(&Who::all_of(role))) {
             meant.extend(chosen(instances(&recorded, role, &assignment), who)?);
         }
         for (instance, lives) in meant {
@@ -185,10 +185,10 @@ impl TopicVisitor for Compare<'_> {
         let replayed = self.replayed.tapes.of(topic);
         let name = topic.info.name;
         let lossy = self.recorded.has_gaps(name);
-        // Topics that all loops write tell lives apart in their own way.
-        let told = topic.info.from == Role::Supervisor;
+        // Topics that all loops write identify lives in their own way.
+        let all_write = topic.info.from == Role::Supervisor;
         let asap = self.graph.is_asap(&topic.info);
-        let life = if told { LifeKey::of_deviation } else { LifeKey::of };
+        let life = if all_write { LifeKey::of_deviation } else { LifeKey::of };
         self.pairs(
             (&recorded, &replayed),
             (name, lossy),

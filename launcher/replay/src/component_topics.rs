@@ -21,7 +21,7 @@ impl Topics {
         Ok(Self { read, written: layout.writes().map(|topic| topic.name).collect() })
     }
 
-    /// Of all who may have filled `role` in `scenario`.
+    /// Of all that may have filled `role` in `scenario`.
     pub(super) fn of_all(role: Role, scenario: &Scenario) -> Result<Self, ReplayError> {
         let begins = Assignment::of(scenario.settings()).name(role);
         let mut all = Self::of(begins, role, scenario)?;

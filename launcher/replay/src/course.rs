@@ -4,12 +4,12 @@ use runtime::{Executor, Rate};
 use shared_types::{Deviation, DeviationKind};
 use std::collections::BTreeMap;
 
-/// What a loop went through that no edge tells: releases left out or caught up, deadlines missed.
+/// What a loop went through that no edge shows: releases left out or caught up, deadlines missed.
 #[derive(Debug, Default)]
 pub struct Course {
     /// Releases left out, by the number of the first.
     skips: BTreeMap<u64, Deviation>,
-    /// By which releases are numbered; none of a loop that told nothing.
+    /// By which releases are numbered; none of a loop that reported nothing.
     rate: Option<Rate>,
     /// What else happened to the loop before a step, by the step's instant \[ns\].
     before: BTreeMap<u64, Vec<Deviation>>,
@@ -33,10 +33,10 @@ impl Repeats for Executor {
 }
 
 impl Course {
-    /// Of a loop at `rate`, from what it told.
-    pub fn new<'a>(rate: Rate, told: impl IntoIterator<Item = &'a Deviation>) -> Self {
+    /// Of a loop at `rate`, from what it reported.
+    pub fn new<'a>(rate: Rate, deviations: impl IntoIterator<Item = &'a Deviation>) -> Self {
         let mut course = Self { rate: Some(rate), ..Self::default() };
-        for deviation in told {
+        for deviation in deviations {
             match deviation.kind {
                 DeviationKind::SkippedReleases => {
                     course.skips.insert(deviation.first, *deviation);
@@ -51,7 +51,7 @@ impl Course {
         course
     }
 
-    /// What is left out from an instant on. A loop that joined late tells in one what it left out by joining,
+    /// What is left out from an instant on. A loop that joined late reports in one what it left out by joining,
     /// which it has left out again when it gets here, and what it was too late for.
     fn skip_at(&self, next_ns: u64) -> Option<Deviation> {
         let first = self.rate?.first_at_or_after(next_ns);

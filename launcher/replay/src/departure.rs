@@ -20,7 +20,7 @@ use shared_types::{Sample, Topic, TopicVisitor};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Who replays.
+/// What replays.
 #[derive(Debug, Clone)]
 pub enum With {
     /// A service of this build.
@@ -63,7 +63,7 @@ pub struct Departure {
     pub first: Option<Difference>,
 }
 
-/// Replays whom `who` means with another controller and compares its outputs with those recorded.
+/// Replays what `who` means with another controller and compares its outputs with those recorded.
 ///
 /// # Errors
 /// [`ReplayError`]; a departure is none.
@@ -97,14 +97,14 @@ pub fn depart(flight: &RecordedFlight, who: &Who, with: &With) -> Result<Departu
 struct Flown {
     lives: Vec<Life>,
     made_of: MadeOf,
-    /// How another build is told of it.
+    /// How it is named to another build.
     label: String,
-    /// Who began in its role.
+    /// The service that began in its role.
     begins: &'static str,
 }
 
 impl Flown {
-    /// A service with its ports: its own, or that of who began.
+    /// A service with its ports: its own, or that of the one that began.
     fn service(&self) -> &'static str {
         if let MadeOf::Known(service) = self.made_of { service } else { self.begins }
     }
@@ -132,7 +132,7 @@ fn changed(flight: &RecordedFlight, overrides: &[Override]) -> Result<Scenario, 
     Ok(Scenario::from_text(&name, flight.scenario().to_toml(), overrides)?)
 }
 
-/// Replays whom `who` means and writes its outputs as a recording of their own.
+/// Replays what `who` means and writes its outputs as a recording of their own.
 ///
 /// # Errors
 /// [`ReplayError`], also if the file exists.
@@ -175,7 +175,7 @@ struct Compare<'a> {
     node: Node,
     recorded: &'a Recorded,
     other: &'a Tapes,
-    /// Those who are compared.
+    /// Those that are compared.
     lives: Vec<LifeKey>,
     out: Departure,
 }

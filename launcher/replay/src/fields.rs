@@ -1,4 +1,4 @@
-//! Structs as lists of named numbers, to say where two of them differ.
+//! Structs as lists of named numbers, to name where two of them differ.
 
 use core::fmt;
 use runtime::Layout;

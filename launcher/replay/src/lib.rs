@@ -1,7 +1,7 @@
 //! `morphquad replay`: flies a recording's components again on what they had, and compares.
 //!
 //! What a step saw is determined by the recording: nominally all samples in effect, and the topic
-//! `deviation` tells every exception, so the same executor with the same inputs must give the same
+//! `deviation` records every exception, so the same executor with the same inputs must give the same
 //! bits, in both clocks. Open `again.rs` for one component, `source.rs` for one input, `compare.rs`
 //! for samples and states, `departure.rs` for another controller on the same inputs.
 
@@ -99,18 +99,18 @@ pub enum ReplayError {
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
     /// Another build could not do its part.
-    #[error("{executable} cannot replay this recording: {said}")]
+    #[error("{executable} cannot replay this recording: {reason}")]
     Other {
         executable: String,
-        /// What it, or the system, said.
-        said: String,
+        /// The error of it, or of the system.
+        reason: String,
     },
     /// No instance of that name, or on that seat.
     #[error("no {asked} took part in this flight: there were {flew}")]
     NoInstance {
         /// As asked for.
         asked: String,
-        /// Who flew.
+        /// What flew.
         flew: String,
     },
     /// Several controllers had a slot.
@@ -120,7 +120,7 @@ pub enum ReplayError {
     Several {
         /// Label of the role.
         role: &'static str,
-        /// Who flew.
+        /// What flew.
         flew: String,
     },
     /// The user ended it.

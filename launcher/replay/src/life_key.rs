@@ -1,4 +1,4 @@
-//! What tells the processes apart that have filled a role.
+//! What distinguishes the processes that have filled a role.
 
 use runtime::seat_of_loop;
 use shared_types::Header;
@@ -11,12 +11,12 @@ pub(super) struct LifeKey {
 }
 
 impl LifeKey {
-    /// Of who wrote a sample or a state.
+    /// Of the process that wrote a sample or a state.
     pub(super) fn of(header: &Header) -> Self {
         Self { seat: header.seat, generation: header.generation }
     }
 
-    /// Of the loop that told a deviation.
+    /// Of the loop that reported a deviation.
     pub(super) fn of_deviation(header: &Header) -> Self {
         Self { seat: seat_of_loop(header.seat), generation: header.generation }
     }

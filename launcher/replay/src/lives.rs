@@ -1,4 +1,4 @@
-//! Who flew a role, one process after another and beside another: each life, and how it began.
+//! Which processes flew a role, one after another and side by side: each life, and how it began.
 
 use super::ReplayError;
 use super::life_key::LifeKey;
@@ -11,7 +11,7 @@ use shared_types::{Deviation, DeviationKind, Role, Seat, Seating, topics};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Whom a replay is about: a role, and of those who filled it perhaps those of a name or on a seat.
+/// What a replay is about: a role, and of its processes perhaps those of a name or on a seat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Who {
     pub role: Role,
@@ -76,7 +76,7 @@ pub(super) struct Life {
     pub(super) deviations: Vec<Deviation>,
     /// Sequence of the last totals published.
     pub(super) last_stats: u64,
-    /// It left in order and told where its inputs had got.
+    /// It left in order and reported where its inputs had got.
     pub(super) in_order: bool,
 }
 
@@ -91,21 +91,21 @@ impl Life {
         self.source.is_some_and(|source| source.life.seat == self.key.seat)
     }
 
-    /// By [`Seat::number`], generation of the first process that it heard after it had begun in flight: at its first
-    /// step it told of each writer that it knew and that had gone.
-    pub(super) fn heard_from(&self, graph: &Graph) -> [u32; Seat::COUNT] {
-        let mut heard_from = [0; Seat::COUNT];
-        let first_ns = self.deviations.first().map(|told| told.header.release_ns);
-        let at_first = |told: &&Deviation| Some(told.header.release_ns) == first_ns;
-        let told: Vec<&Deviation> = self.deviations.iter().filter(at_first).collect();
-        for (index, ended) in told.iter().enumerate() {
-            let writer = |told: &Deviation| (told.input, told.writer_seat, told.writer_generation);
-            let was_known = told.iter().any(|known| {
+    /// By [`Seat::number`], generation of the first process that it received from after it had begun in flight: at its
+    /// first step it reported each writer that it knew and that had gone.
+    pub(super) fn first_generations(&self, graph: &Graph) -> [u32; Seat::COUNT] {
+        let mut generations = [0; Seat::COUNT];
+        let first_ns = self.deviations.first().map(|first| first.header.release_ns);
+        let at_first = |one: &&Deviation| Some(one.header.release_ns) == first_ns;
+        let reported: Vec<&Deviation> = self.deviations.iter().filter(at_first).collect();
+        for (index, ended) in reported.iter().enumerate() {
+            let writer = |one: &Deviation| (one.input, one.writer_seat, one.writer_generation);
+            let was_known = reported.iter().any(|known| {
                 let is_known = known.kind == DeviationKind::Began && known.first == 0;
                 is_known && writer(known) == writer(ended)
             });
-            // One that was replaced before the first step is told right before the one that follows it.
-            let is_replaced = told.get(index + 1).is_some_and(|next| {
+            // One that was replaced before the first step is reported right before the one that follows it.
+            let is_replaced = reported.get(index + 1).is_some_and(|next| {
                 let on_seat = (next.input, next.writer_seat) == (ended.input, ended.writer_seat);
                 next.kind == DeviationKind::Began && next.first > 0 && on_seat
             });
@@ -116,10 +116,10 @@ impl Life {
             let role = topic.map(|topic| graph.producer(topic));
             let seat = role.map(|role| Seat { role, index: ended.writer_seat });
             if let Some(number) = seat.and_then(Seat::number) {
-                heard_from[number] = ended.writer_generation.saturating_add(1);
+                generations[number] = ended.writer_generation.saturating_add(1);
             }
         }
-        heard_from
+        generations
     }
 
     /// Release of the state that it was handed, if that is not among the recorded ones.
@@ -147,7 +147,7 @@ pub(super) fn state_header(state: &RecordedState) -> StateHeader {
     StateHeader::of(&state.bytes).unwrap_or_default()
 }
 
-/// Who flew `role`, with their lives, in the order in which they began.
+/// The processes that flew `role`, with their lives, in the order in which they began.
 pub(super) fn instances(
     recorded: &Recorded,
     role: Role,
@@ -157,12 +157,12 @@ pub(super) fn instances(
     let stats = recorded.tapes.of(&topics::LOOP_STATS);
     let begins = assignment.name(role);
     let mut by_instance: Vec<(Instance, Vec<Life>)> = Vec::new();
-    // By seat: who is there.
+    // By seat: what is there.
     let mut there: BTreeMap<u32, String> = BTreeMap::new();
     for (&key, &last_ns) in &recorded.traces {
         let deviations: Vec<Deviation> = deviations
             .iter()
-            .filter(|told| LifeKey::of_deviation(&told.header) == key)
+            .filter(|one| LifeKey::of_deviation(&one.header) == key)
             .copied()
             .collect();
         let seating = recorded.seatings.get(&key);
@@ -194,14 +194,14 @@ pub(super) fn instances(
     by_instance
 }
 
-fn source(key: LifeKey, seating: Option<&Seating>, told: &[Deviation]) -> Option<Source> {
+fn source(key: LifeKey, seating: Option<&Seating>, deviations: &[Deviation]) -> Option<Source> {
     if let Some(seating) = seating {
         let life = LifeKey { seat: seating.state_seat, generation: seating.state_generation };
         let source = Source { life, release: seating.state_release, before: false };
         return seating.has_state.is_set().then_some(source);
     }
     // Started again in its place, from the last state there was.
-    let resumed = told.iter().find(|d| d.kind == DeviationKind::Resumed)?;
+    let resumed = deviations.iter().find(|d| d.kind == DeviationKind::Resumed)?;
     Some(Source { life: key, release: resumed.first, before: true })
 }
 
@@ -271,7 +271,7 @@ mod tests {
     use scenario::Scenario;
     use shared_types::Header;
 
-    fn told(kind: DeviationKind, seat: u32, generation: u32, sequence: u64) -> Deviation {
+    fn deviation(kind: DeviationKind, seat: u32, generation: u32, sequence: u64) -> Deviation {
         Deviation {
             header: Header { release_ns: 2_560_000_000, ..Header::default() },
             kind,
@@ -284,7 +284,7 @@ mod tests {
         }
     }
 
-    fn heard_from(deviations: Vec<Deviation>) -> u32 {
+    fn first_generation(deviations: Vec<Deviation>) -> u32 {
         let graph = Scenario::load("hover", &[]).unwrap().graph().unwrap();
         let life = Life {
             key: LifeKey { seat: 0, generation: 0 },
@@ -297,19 +297,24 @@ mod tests {
             in_order: false,
         };
         let seat = Seat { role: Role::Attitude, index: 1 };
-        life.heard_from(&graph)[seat.number().unwrap()]
+        life.first_generations(&graph)[seat.number().unwrap()]
     }
 
     #[test]
     fn a_writer_had_gone_if_that_is_told_before_anything_is_heard_of_its_successor() {
         const BEGAN: DeviationKind = DeviationKind::Began;
         const ENDED: DeviationKind = DeviationKind::Ended;
-        let gone = [told(BEGAN, 1, 0, 0), told(ENDED, 1, 0, 132)];
-        assert_eq!(heard_from(gone.to_vec()), 1);
-        let followed = [told(BEGAN, 0, 1, 48), told(BEGAN, 1, 1, 133)];
-        assert_eq!(heard_from([gone, followed].concat()), 1);
-        let replaced = [told(BEGAN, 1, 0, 0), told(BEGAN, 0, 1, 0), told(ENDED, 1, 0, 132)];
-        assert_eq!(heard_from([&replaced[..], &[told(BEGAN, 1, 1, 133)]].concat()), 0);
-        assert_eq!(heard_from(vec![told(ENDED, 1, 0, 132)]), 0, "of one that it had not known");
+        let gone = [deviation(BEGAN, 1, 0, 0), deviation(ENDED, 1, 0, 132)];
+        assert_eq!(first_generation(gone.to_vec()), 1);
+        let followed = [deviation(BEGAN, 0, 1, 48), deviation(BEGAN, 1, 1, 133)];
+        assert_eq!(first_generation([gone, followed].concat()), 1);
+        let replaced =
+            [deviation(BEGAN, 1, 0, 0), deviation(BEGAN, 0, 1, 0), deviation(ENDED, 1, 0, 132)];
+        assert_eq!(first_generation([&replaced[..], &[deviation(BEGAN, 1, 1, 133)]].concat()), 0);
+        assert_eq!(
+            first_generation(vec![deviation(ENDED, 1, 0, 132)]),
+            0,
+            "of one that it had not known"
+        );
     }
 }

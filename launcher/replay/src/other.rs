@@ -32,11 +32,11 @@ pub(super) fn outputs_of(
     topics: &Topics,
 ) -> Result<Tapes, ReplayError> {
     let name = executable.display().to_string();
-    let complain = |said: String| ReplayError::Other { executable: name.clone(), said };
+    let complain = |reason: String| ReplayError::Other { executable: name.clone(), reason };
     let system = |error: io::Error| complain(format!("{error}; {REMEDY}"));
     let stop = StopFlags::watch_signals().map_err(system)?;
     let scratch = scratch_below(&std::env::temp_dir()).map_err(system)?;
-    let (out, words) = (scratch.path().join("outputs.mcap"), scratch.path().join("said"));
+    let (out, stderr_path) = (scratch.path().join("outputs.mcap"), scratch.path().join("said"));
     let child = Command::new(executable)
         .arg("replay")
         .arg(flight.path())
@@ -44,14 +44,15 @@ pub(super) fn outputs_of(
         .arg(&out)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .stderr(File::create(&words).map_err(system)?)
+        .stderr(File::create(&stderr_path).map_err(system)?)
         .spawn()
         .map_err(system)?;
     let status = wait(child, &stop).map_err(system)?.ok_or(ReplayError::Interrupted)?;
     if !status.success() {
-        let said = String::from_utf8_lossy(&fs::read(&words).unwrap_or_default()).trim().to_owned();
-        let said = if said.is_empty() { "it said nothing".to_owned() } else { said };
-        return Err(complain(format!("{said} ({status}); {REMEDY}")));
+        let stderr =
+            String::from_utf8_lossy(&fs::read(&stderr_path).unwrap_or_default()).trim().to_owned();
+        let stderr = if stderr.is_empty() { "it said nothing".to_owned() } else { stderr };
+        return Err(complain(format!("{stderr} ({status}); {REMEDY}")));
     }
     if !out.is_file() {
         return Err(complain(format!("it wrote no outputs; {REMEDY}")));

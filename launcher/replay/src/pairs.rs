@@ -67,19 +67,19 @@ mod tests {
 
     #[test]
     fn runs_are_paired_by_sequence_and_gaps_are_told() {
-        let told = |recorded: &[u64], again: &[u64]| {
-            let word = |pair: Pair<'_, u64>| match pair {
+        let listed = |recorded: &[u64], again: &[u64]| {
+            let shown = |pair: Pair<'_, u64>| match pair {
                 Pair::Both(old, new) => format!("{old}={new}"),
                 Pair::Recorded(old) => format!("{old}-"),
                 Pair::Again(new) => format!("+{new}"),
             };
             pairs(recorded.iter(), again.iter(), |item| *item)
-                .map(word)
+                .map(shown)
                 .collect::<Vec<_>>()
                 .join(" ")
         };
-        assert_eq!(told(&[1, 2, 4, 6], &[2, 3, 4, 5, 6, 7]), "1- 2=2 +3 4=4 +5 6=6 +7");
-        assert_eq!(told(&[1, 2], &[]), "1- 2-");
-        assert_eq!(told(&[], &[3]), "+3");
+        assert_eq!(listed(&[1, 2, 4, 6], &[2, 3, 4, 5, 6, 7]), "1- 2=2 +3 4=4 +5 6=6 +7");
+        assert_eq!(listed(&[1, 2], &[]), "1- 2-");
+        assert_eq!(listed(&[], &[3]), "+3");
     }
 }

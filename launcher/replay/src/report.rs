@@ -1,4 +1,4 @@
-//! Words and tables for people, JSON for machines.
+//! Text and tables for people, JSON for machines.
 
 use super::{Departure, Difference, Hashes, Loss, Verification};
 use core::fmt;

@@ -33,9 +33,9 @@ pub(super) struct Exceptions {
     late: BTreeMap<(Writer, u64), (u64, u64)>,
     /// Writer and first sequence -> last sequence that never arrived.
     lost: BTreeMap<(Writer, u64), u64>,
-    /// First sequence that arrived, of those writers of whom it is known; 0 if it is not.
+    /// First sequence that arrived, of the writers for which it is known; 0 if it is not.
     first: BTreeMap<Writer, u64>,
-    /// Last sequence that arrived, of those writers of whom it is known.
+    /// Last sequence that arrived, of the writers for which it is known.
     last: BTreeMap<Writer, u64>,
     /// Since when those writers have had their seats that took free ones in flight \[ns\].
     seated_ns: BTreeMap<Writer, u64>,
@@ -83,7 +83,7 @@ impl Exceptions {
         self
     }
 
-    /// The same where a writer took a free seat at `from_ns`: of what it said for instants before that nothing counts,
+    /// The same where a writer took a free seat at `from_ns`: nothing counts that it published for instants before,
     /// though another process had the seat at some of them.
     pub(super) fn seated(
         &mut self,
@@ -106,16 +106,16 @@ impl Exceptions {
     }
 
     /// False for a writer of which the process never had anything. A seat may have had one between two others that
-    /// was killed before its first words had reached all processes.
-    fn is_heard(&self, writer: Writer, arrival: &Arrival, topic: &TopicInfo) -> bool {
-        let is_told = self.first.contains_key(&writer);
+    /// was killed before its first samples had reached all processes.
+    fn has_received(&self, writer: Writer, arrival: &Arrival, topic: &TopicInfo) -> bool {
+        let is_known = self.first.contains_key(&writer);
         if topic.from.seats() == 1 {
-            return is_told || !arrival.in_flight;
+            return is_known || !arrival.in_flight;
         }
-        if is_told || self.last.contains_key(&writer) {
+        if is_known || self.last.contains_key(&writer) {
             return true;
         }
-        // Who was there from the start and was killed told nothing of the first writer of a seat.
+        // A process that was there from the start and was killed reported nothing of the first writer of a seat.
         let on_seat =
             Writer { generation: 0, ..writer }..=Writer { generation: u32::MAX, ..writer };
         let is_silent_of_seat = self.first.range(on_seat.clone()).next().is_none()
@@ -152,17 +152,17 @@ impl Exceptions {
 /// How a process came to a flight under way.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Arrival {
-    /// When \[ns\]; none for who begins with the flight or goes on in its place.
+    /// When \[ns\]; none for one that begins with the flight or goes on in its place.
     pub(super) at_ns: Option<u64>,
     /// Without a state to go on from.
     pub(super) blank: bool,
-    /// It joined, or goes on from a state: it told of the first sample of every writer whom it heard.
+    /// It joined, or goes on from a state: it reported the first sample of every writer that it received from.
     pub(super) in_flight: bool,
-    /// It left in order: it told of the last sample of every writer whom it heard.
+    /// It left in order: it reported the last sample of every writer that it received from.
     pub(super) in_order: bool,
 }
 
-/// What one writer said.
+/// What one writer published.
 struct Reel<T> {
     writer: Writer,
     samples: Vec<T>,
@@ -195,7 +195,7 @@ impl<T: Sample> TapeSource<T> {
         }
         let reel = |(writer, samples): (Writer, Vec<T>)| {
             let next = match arrival.at_ns {
-                _ if !exceptions.is_heard(writer, &arrival, topic) => samples.len(),
+                _ if !exceptions.has_received(writer, &arrival, topic) => samples.len(),
                 Some(at_ns) if arrival.blank => {
                     let mut before = samples.partition_point(|s| s.header().release_ns < at_ns);
                     // Of a writer that was late then, what it had kept ends earlier.
@@ -309,27 +309,27 @@ mod tests {
     #[test]
     fn a_killed_loop_had_heard_nothing_of_the_successor_of_what_it_followed() {
         let now_ns = Rc::new(Cell::new(8 * MS));
-        let said = |sequence, generation| {
+        let sample = |sequence, generation| {
             let Imu { header, .. } = imu(sequence);
             Imu { header: Header { generation, ..header }, ..Imu::default() }
         };
         let slot = &topics::WRENCH_COMMAND.info;
         let mut source = TapeSource::new(
-            &[said(1, 0), said(2, 0), said(3, 1), said(4, 1)],
+            &[sample(1, 0), sample(2, 0), sample(3, 1), sample(4, 1)],
             slot,
             Edge::unwaited(slot, Role::Estimator),
-            Exceptions::default().killed_after(Some(&said(2, 0).header)),
+            Exceptions::default().killed_after(Some(&sample(2, 0).header)),
             Arrival::default(),
             now_ns,
         );
-        let heard: Vec<_> = core::iter::from_fn(|| source.receive()).collect();
-        assert_eq!(heard.iter().map(|s| s.header.sequence).collect::<Vec<_>>(), [1, 2]);
+        let received: Vec<_> = core::iter::from_fn(|| source.receive()).collect();
+        assert_eq!(received.iter().map(|s| s.header.sequence).collect::<Vec<_>>(), [1, 2]);
     }
 
     #[test]
     fn a_writer_that_had_left_when_the_process_joined_is_heard_if_that_is_told() {
         let slot = &topics::WRENCH_COMMAND.info;
-        let said = |seat, sequence, valid_ms| {
+        let sample = |seat, sequence, valid_ms| {
             let header = Header {
                 seat,
                 sequence,
@@ -339,9 +339,9 @@ mod tests {
             };
             WrenchCommand { header, ..WrenchCommand::default() }
         };
-        // Seat 0 says its last word at 2 ms; the process joins at 3 ms.
-        let samples = [said(0, 1, 1), said(0, 2, 2), said(1, 1, 2), said(1, 2, 4)];
-        let heard = |deviations: &[Deviation]| {
+        // Seat 0 publishes its last sample at 2 ms; the process joins at 3 ms.
+        let samples = [sample(0, 1, 1), sample(0, 2, 2), sample(1, 1, 2), sample(1, 2, 4)];
+        let received = |deviations: &[Deviation]| {
             let mut source = TapeSource::new(
                 &samples,
                 slot,
@@ -350,8 +350,8 @@ mod tests {
                 Arrival { at_ns: Some(3 * MS), blank: true, in_flight: true, in_order: false },
                 Rc::new(Cell::new(8 * MS)),
             );
-            let heard = core::iter::from_fn(|| source.receive());
-            heard.map(|s| (s.header.seat, s.header.sequence)).collect::<Vec<_>>()
+            let received = core::iter::from_fn(|| source.receive());
+            received.map(|s| (s.header.seat, s.header.sequence)).collect::<Vec<_>>()
         };
         let input = Deviation::input_from(slot.name);
         let began = |writer_seat, first| Deviation {
@@ -359,9 +359,9 @@ mod tests {
             writer_seat,
             ..deviation(DeviationKind::Began, 3, first, first)
         };
-        assert_eq!(heard(&[began(1, 0)]), [(1, 1), (1, 2)]);
-        assert_eq!(heard(&[began(0, 0), began(1, 2)]), [(0, 1), (0, 2), (1, 2)]);
-        assert_eq!(heard(&[began(0, 2)]), [(0, 2)]);
+        assert_eq!(received(&[began(1, 0)]), [(1, 1), (1, 2)]);
+        assert_eq!(received(&[began(0, 0), began(1, 2)]), [(0, 1), (0, 2), (1, 2)]);
+        assert_eq!(received(&[began(0, 2)]), [(0, 2)]);
     }
 
     #[test]
@@ -376,7 +376,7 @@ mod tests {
         let samples: Vec<_> = (1..=4 * history).map(of).collect();
         // It joins at 3 histories, when the last two of them had not been published, and has the newest half late.
         let join_ms = 3 * history + 1;
-        let told = [
+        let deviations = [
             deviation(DeviationKind::Began, join_ms, 0, 0),
             deviation(DeviationKind::LostSamples, join_ms + 1, history + 1, 2 * history),
             deviation(DeviationKind::LateSamples, join_ms + 1, 2 * history + 1, 3 * history),
@@ -386,19 +386,19 @@ mod tests {
             &samples,
             topic,
             Edge::unwaited(topic, Role::Estimator),
-            Exceptions::of(topic, told.iter()),
+            Exceptions::of(topic, deviations.iter()),
             Arrival { at_ns: Some(join_ms * MS), blank: true, in_flight: true, in_order: false },
             now_ns,
         );
-        let heard: Vec<u64> =
+        let received: Vec<u64> =
             core::iter::from_fn(|| source.receive()).map(|s| s.header.sequence).collect();
-        assert_eq!(heard, (1..=history).collect::<Vec<_>>());
+        assert_eq!(received, (1..=history).collect::<Vec<_>>());
     }
 
     #[test]
     fn a_writer_that_was_killed_before_its_words_reached_the_process_is_not_heard() {
         let slot = &topics::WRENCH_COMMAND.info;
-        let said = |generation, sequence| {
+        let sample = |generation, sequence| {
             let header = Header { generation, sequence, valid_ns: MS, ..Header::default() };
             WrenchCommand { header, ..WrenchCommand::default() }
         };
@@ -408,28 +408,28 @@ mod tests {
             ..deviation(DeviationKind::Ended, 8, last, last)
         };
         let mut source = TapeSource::new(
-            &[said(0, 7), said(0, 8), said(1, 8), said(2, 8), said(2, 9)],
+            &[sample(0, 7), sample(0, 8), sample(1, 8), sample(2, 8), sample(2, 9)],
             slot,
             Edge::unwaited(slot, Role::Plant),
             Exceptions::of(slot, [ended(0, 7), ended(2, 9)].iter()),
             Arrival { in_order: true, ..Arrival::default() },
             Rc::new(Cell::new(8 * MS)),
         );
-        let heard = core::iter::from_fn(|| source.receive());
-        let heard: Vec<_> = heard.map(|s| (s.header.generation, s.header.sequence)).collect();
-        assert_eq!(heard, [(0, 7), (2, 8), (2, 9)]);
+        let received = core::iter::from_fn(|| source.receive());
+        let received: Vec<_> = received.map(|s| (s.header.generation, s.header.sequence)).collect();
+        assert_eq!(received, [(0, 7), (2, 8), (2, 9)]);
     }
 
     #[test]
     fn what_a_writer_says_for_instants_before_it_had_its_seat_does_not_count() {
         let slot = &topics::WRENCH_COMMAND.info;
-        let said = |sequence| {
+        let sample = |sequence| {
             let header =
                 Header { generation: 1, sequence, valid_ns: sequence * MS, ..Header::default() };
             WrenchCommand { header, ..WrenchCommand::default() }
         };
-        let samples: Vec<_> = (1..=6).map(said).collect();
-        // It catches up from 1 ms on and has its seat from 4 ms on; that sample 2 was heard all the same is told.
+        let samples: Vec<_> = (1..=6).map(sample).collect();
+        // It catches up from 1 ms on and has its seat from 4 ms on; that sample 2 was received is reported.
         let late = Deviation {
             input: Deviation::input_from(slot.name),
             writer_generation: 1,
@@ -445,8 +445,8 @@ mod tests {
             Arrival::default(),
             Rc::new(Cell::new(8 * MS)),
         );
-        let heard = core::iter::from_fn(|| source.receive());
-        assert_eq!(heard.map(|s| s.header.sequence).collect::<Vec<_>>(), [2, 4, 5, 6]);
+        let received = core::iter::from_fn(|| source.receive());
+        assert_eq!(received.map(|s| s.header.sequence).collect::<Vec<_>>(), [2, 4, 5, 6]);
     }
 
     #[test]

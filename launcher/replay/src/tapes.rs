@@ -67,7 +67,7 @@ pub(super) struct Recorded {
     pub(super) joined: BTreeMap<(Role, u32, u32), u64>,
     /// Scenarios that configure one controller alone, by their names.
     pub(super) configs: BTreeMap<String, String>,
-    /// Those who left in order.
+    /// Those that left in order.
     pub(super) in_order: BTreeSet<LifeKey>,
     pub(super) closing: Closing,
     /// Where the numbers of each topic that the role reads jump first.
@@ -81,7 +81,7 @@ impl Recorded {
         lost.map(|(topic, after_ns)| Loss { topic, after_ns: *after_ns }).min_by_key(|l| l.after_ns)
     }
 
-    /// Seat and generation of those who took a free seat of a slot in flight, and since when they have had it, as far
+    /// Seat and generation of those that took a free seat of a slot in flight, and since when they have had it, as far
     /// as the slot's owner records are among the inputs \[ns\].
     pub(super) fn free_seats_taken(&self, slot: Role) -> Vec<((u32, u32), u64)> {
         let Some(spec) = Slot::of(slot).map(Slot::spec) else { return Vec::new() };
@@ -106,7 +106,7 @@ impl Recorded {
         taken.collect()
     }
 
-    /// True if the flight's own audit says that the recorder lost samples of a topic.
+    /// True if the flight's own audit states that the recorder lost samples of a topic.
     pub(super) fn has_gaps(&self, topic: &str) -> bool {
         let of_topic = |key: &str| key.split_once('#').is_some_and(|(name, _)| name == topic);
         self.closing.audit.iter().any(|(key, tally)| {
@@ -114,20 +114,20 @@ impl Recorded {
         })
     }
 
-    /// Finds those who told how far their inputs had got when they left.
+    /// Finds those that reported how far their inputs had got when they left.
     fn find_ends(&mut self) {
-        // At a step the same word tells of the end of a writer in a slot; of inputs from elsewhere only the end tells.
+        // At a step the same kind reports the end of a writer in a slot; for other inputs it comes only at the end.
         let of_the_end: BTreeSet<&str> = topics::all()
             .into_iter()
             .filter(|topic| topic.from.seats() == 1)
             .map(|topic| topic.name)
             .collect();
-        for told in self.tapes.of(&topics::DEVIATION).iter() {
-            let life = LifeKey::of_deviation(&told.header);
+        for deviation in self.tapes.of(&topics::DEVIATION).iter() {
+            let life = LifeKey::of_deviation(&deviation.header);
             let last_ns = self.traces.get(&life).copied().unwrap_or(0);
-            if told.kind == DeviationKind::Ended
-                && of_the_end.contains(told.input_name())
-                && told.header.release_ns > last_ns
+            if deviation.kind == DeviationKind::Ended
+                && of_the_end.contains(deviation.input_name())
+                && deviation.header.release_ns > last_ns
             {
                 self.in_order.insert(life);
             }
@@ -147,8 +147,8 @@ impl Recorded {
         }
     }
 
-    /// A process that was killed did not tell how far its inputs had got; the last state of its life
-    /// does, so its life is replayed up to there.
+    /// A process that was killed did not report how far its inputs had got; the last state of its life
+    /// shows it, so its life is replayed up to there.
     fn end_at_last_states(&mut self) {
         let open = self.traces.iter_mut().filter(|(life, _)| !self.in_order.contains(*life));
         for (life, last_ns) in open {
@@ -177,7 +177,7 @@ impl Load<'_> {
     }
 
     fn note_jump(&mut self, topic: &'static TopicInfo, header: &Header) {
-        // The numbers of two processes say nothing of one another.
+        // The numbers of two processes have no relation to one another.
         let key = (topic.name, header.seat, header.generation);
         let before = self.newest.get(&key);
         if let Some(before) =
@@ -229,7 +229,7 @@ impl RecordVisitor for Load<'_> {
         };
         if role == self.role {
             if any.is::<Deviation>() {
-                // What a loop told steers its replay as much as its inputs do.
+                // What a loop reported steers its replay as much as its inputs do.
                 self.note_jump(&topic.info, header);
             }
             self.recorded.tapes.push(topic, *sample);

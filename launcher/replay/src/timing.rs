@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use thiserror::Error;
 
-/// Why a recording does not tell the time of its steps.
+/// Why a recording does not give the time of its steps.
 #[derive(Debug, Error)]
 pub enum TimingError {
     /// The file.
@@ -110,10 +110,10 @@ impl RecordVisitor for Stamps<'_> {
     }
 
     fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
-        if let Some(told) = (sample as &dyn Any).downcast_ref::<Deviation>() {
-            if told.kind == DeviationKind::SkippedReleases {
-                let left_out = self.left_out.entry(told.role.label()).or_default();
-                left_out.push([told.first, told.last]);
+        if let Some(deviation) = (sample as &dyn Any).downcast_ref::<Deviation>() {
+            if deviation.kind == DeviationKind::SkippedReleases {
+                let left_out = self.left_out.entry(deviation.role.label()).or_default();
+                left_out.push([deviation.first, deviation.last]);
             }
             return;
         }

@@ -71,7 +71,7 @@ pub struct FlownAlone<O> {
 }
 
 /// Flies what `begin` makes of the sinks of a flight, from `from_ns` to its end, in the calling thread.
-/// `branched` tells in the recording from where on its scenario holds.
+/// `branched` records from where on its scenario holds.
 ///
 /// # Errors
 /// [`RunError`] if the flight never started; what happens in flight is in the summary.
@@ -94,14 +94,14 @@ pub fn fly_alone<O: Observer + Default>(
     let end = fly(&mut flight, options, &stop, from_ns);
     let wall_ns = mono_now_ns().saturating_sub(start_ns);
     let flown_ns = flight.flown_ns();
-    let told = conclude(&mut flight);
+    let conclusion = conclude(&mut flight);
     let (sinks, observer) = flight.seen(core::mem::take);
     let hash = sinks.hash.clone();
     let (end, error) = match end {
         Ok(end) => (Ok(end), None),
         Err(error) => (Err(error.to_string()), Some(error)),
     };
-    let ended = Ended { id, path, wall_ns, from_ns, flown_ns, end, told };
+    let ended = Ended { id, path, wall_ns, from_ns, flown_ns, end, conclusion };
     let summary = sum_up(sinks, options, ended)?;
     Ok(FlownAlone { summary, observer, hash, error })
 }
@@ -130,16 +130,16 @@ pub struct Ended {
     /// How it ended; the reason of a crash.
     pub end: Result<End, String>,
     /// What came of its slots.
-    pub told: Conclusion,
+    pub conclusion: Conclusion,
 }
 
-/// What came of the slots, told as a flight of processes tells it.
+/// What came of the slots, reported as a flight of processes reports it.
 fn conclude<O: Observer>(flight: &mut InProcess<O>) -> Conclusion {
-    let told = flight.conclude();
-    for notice in &told.notices {
+    let conclusion = flight.conclude();
+    for notice in &conclusion.notices {
         eprintln!("morphquad: {notice}");
     }
-    told
+    conclusion
 }
 
 /// Sums up a flight that is over, and closes its recording.
@@ -149,7 +149,7 @@ fn conclude<O: Observer>(flight: &mut InProcess<O>) -> Conclusion {
 pub fn sum_up(mut sinks: Sinks, options: &RunOptions, ended: Ended) -> Result<Summary, RunError> {
     let scenario = &options.scenario;
     let graph = scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))?;
-    let Ended { id, path, wall_ns, from_ns, flown_ns, end, told } = ended;
+    let Ended { id, path, wall_ns, from_ns, flown_ns, end, conclusion } = ended;
     sinks.metrics.finish();
     let mut summary = Summary {
         run_id: id,
@@ -165,10 +165,10 @@ pub fn sum_up(mut sinks: Sinks, options: &RunOptions, ended: Ended) -> Result<Su
         log_hash: sinks.log_hash.hex(),
         metrics: core::mem::take(&mut sinks.metrics),
         audit: sinks.audit.clone(),
-        recovered: told.recovered,
-        swaps: told.swaps,
-        orders: told.orders,
-        notices: told.notices,
+        recovered: conclusion.recovered,
+        swaps: conclusion.swaps,
+        orders: conclusion.orders,
+        notices: conclusion.notices,
         lost: end.as_ref().err().cloned(),
         interrupted: end.as_ref().is_ok_and(|end| *end == End::Interrupted),
         cut_short: flown_ns < scenario.duration_ns(),

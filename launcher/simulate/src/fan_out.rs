@@ -4,7 +4,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::{self, Builder};
 
-/// Told after each item, from whatever thread.
+/// Called after each item, from whatever thread.
 pub type Progress<'a> = &'a (dyn Fn() + Sync);
 
 /// `work` on every item, on as many threads as there are processors; results in the order of the
@@ -52,14 +52,14 @@ mod tests {
 
     #[test]
     fn results_come_in_the_order_of_the_items_and_each_is_told() {
-        let told = AtomicUsize::new(0);
+        let done = AtomicUsize::new(0);
         let items: Vec<u64> = (0..500).collect();
-        let tell = || {
-            told.fetch_add(1, Ordering::Relaxed);
+        let count = || {
+            done.fetch_add(1, Ordering::Relaxed);
         };
-        let squares = fan_out(&items, &tell, |i| Ok::<_, ()>(i * i)).unwrap();
+        let squares = fan_out(&items, &count, |i| Ok::<_, ()>(i * i)).unwrap();
         assert_eq!(squares, items.iter().map(|i| i * i).collect::<Vec<_>>());
-        assert_eq!(told.into_inner(), 500);
+        assert_eq!(done.into_inner(), 500);
     }
 
     #[test]

@@ -143,10 +143,10 @@ pub enum RunError {
     #[error("--in-process: {0}")]
     ScriptInProcess(InProcessError),
     /// Viewers cannot be served.
-    #[error("{told}")]
+    #[error("{reason}")]
     NotServed {
         /// Why not.
-        told: String,
+        reason: String,
         /// What the process that was to serve them ended with.
         exit_code: u8,
     },
@@ -177,7 +177,7 @@ pub fn require_descriptors() -> Result<(), RunError> {
     })
 }
 
-/// Refuses to fly where `/proc` tells of other processes than those that this one can see.
+/// Refuses to fly where `/proc` shows other processes than those that this one can see.
 ///
 /// # Errors
 /// [`RunError::ForeignProc`].
@@ -251,7 +251,7 @@ impl Drop for Unflown {
     }
 }
 
-/// What a recording says of the flight.
+/// What a recording states about the flight.
 #[must_use]
 pub fn facts(id: &str, options: &RunOptions) -> Facts {
     let scenario = &options.scenario;
@@ -302,7 +302,7 @@ pub fn require_processor(pin: Pin) -> Result<(), RunError> {
 /// Processors that this process may run on.
 ///
 /// # Errors
-/// [`RunError`] if the system does not say.
+/// [`RunError`] if the system does not report them.
 pub fn allowed_processors() -> Result<Vec<usize>, RunError> {
     let allowed = rustix::thread::sched_getaffinity(None)
         .map_err(|error| system("look at the processors")(error.into()))?;

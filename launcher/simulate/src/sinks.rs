@@ -13,7 +13,7 @@ use swap::SlotWatch;
 /// A recording in lockstep stamps with logical time and asks for no receipt \[ns\].
 const NO_RECEIPT_NS: u64 = 0;
 
-/// Who tells what the launcher itself has seen.
+/// Source of what the launcher itself has seen.
 const LAUNCHER: &str = "launcher";
 
 /// Takes every sample and every state of a flight, in whatever order topics are drained.
@@ -96,8 +96,8 @@ impl Sinks {
         }
     }
 
-    /// Takes word of who takes a slot's seat, from the supervisor.
-    pub fn tell_seating(&mut self, seating: &Seating, now_mono_ns: u64) {
+    /// Records which process takes a slot's seat, as the supervisor reports it.
+    pub fn record_seating(&mut self, seating: &Seating, now_mono_ns: u64) {
         if let Some(stream) = self.stream(&topics::SEATING.info) {
             self.take(&topics::SEATING, stream, seating, now_mono_ns);
         }
@@ -146,11 +146,11 @@ impl Sinks {
         self.note(logical_ns, Severity::Info, LAUNCHER, text);
     }
 
-    /// Writes what `source` tells into the recording, and lets the clients that look on know.
+    /// Writes an event of `source` into the recording, and sends it to the clients that listen.
     pub fn note(&mut self, logical_ns: u64, severity: Severity, source: &str, text: &str) {
         let event = Event { logical_ns, severity, source, text };
         if let Some(feed) = &self.feed {
-            feed.tell(&event);
+            feed.publish(&event);
         }
         if let Some(recording) = &mut self.recording
             && let Err(error) = recording.write_event(&event)
@@ -173,14 +173,14 @@ impl Sinks {
         self.recording_error.get_or_insert_with(|| error.to_owned());
     }
 
-    /// Writes the summary into the recording and closes it, and tells the clients that look on how it ended.
+    /// Writes the summary into the recording and closes it, and sends the clients that listen how it ended.
     pub fn finish(&mut self, summary: &mut Summary) {
         let severity = if summary.verdict().passed() { Severity::Info } else { Severity::Error };
         self.note(summary.flown_ns, severity, LAUNCHER, &summary.line());
         if let Some(recording) = self.recording.take()
             && let Err(error) = recording.finish(&summary.to_metadata())
         {
-            // It says again why the recording stopped, and what it lacks.
+            // It reports again why the recording stopped, and what it lacks.
             summary.recording_error = Some(error.to_string());
         }
         if let Some(feed) = &self.feed {

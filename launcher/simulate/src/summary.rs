@@ -1,4 +1,4 @@
-//! The last word about a flight: one screen for people, JSON for machines, metadata for the file.
+//! The summary of a flight: one screen for people, JSON for machines, metadata for the file.
 
 use ::verdict::{End, Verdict};
 use hdrhistogram::Histogram;
@@ -44,13 +44,13 @@ pub struct Summary {
     pub hash: String,
     /// Log hash: every sample.
     pub log_hash: String,
-    /// What the samples say.
+    /// What the samples show.
     pub metrics: Metrics,
     /// Sequence audit of every topic.
     pub audit: SequenceAudit,
     /// Crashes that a restart made good.
     pub recovered: u64,
-    /// Changes of who commands a slot.
+    /// Changes of the process that commands a slot.
     pub swaps: Vec<SwapReport>,
     /// What was ordered of pilot and injector.
     pub orders: Vec<OrderReport>,
@@ -79,7 +79,7 @@ impl Summary {
         }
     }
 
-    /// What is to be said of the flight.
+    /// The verdict on the flight.
     #[must_use]
     pub fn verdict(&self) -> Verdict {
         self.metrics.judge(&self.closing())
@@ -145,14 +145,14 @@ impl Summary {
             ("swaps", json!(self.swaps)),
             ("orders", json!(self.orders)),
         ];
-        let told = lists.into_iter().filter(|(key, list)| *key == "misses" || *list != json!([]));
-        map.extend(told.map(|(key, list)| (key.to_owned(), list.to_string())));
+        let rows = lists.into_iter().filter(|(key, list)| *key == "misses" || *list != json!([]));
+        map.extend(rows.map(|(key, list)| (key.to_owned(), list.to_string())));
         map
     }
 
-    /// What no measurement of the vehicle or its loops tells, by key.
+    /// What no measurement of the vehicle or its loops shows, by key.
     fn of_the_run(&self) -> Map<String, Value> {
-        // To as many digits as are told.
+        // To as many digits as are reported.
         let rounded = |value: f64, scale: f64| (value * scale).round() / scale;
         let mut map = Map::new();
         let mut put = |key: &str, value: Value| map.insert(key.to_owned(), value);
@@ -353,7 +353,7 @@ fn quantiles(histogram: &Histogram<u64>) -> String {
     format!("{:.1} / {:.1} / {:.0}", us(0.5), us(0.99), histogram.max() as f64 * 1e-3)
 }
 
-/// Lines of a notice that are told again in the summary: of what a process said at its end, which was told when it
+/// Lines of a notice that are repeated in the summary: of what a process printed at its end, which was reported when it
 /// happened, only how it begins and ends.
 fn abridged(notice: &str) -> Vec<&str> {
     let mut lines: Vec<&str> = notice.lines().filter(|line| !line.trim().is_empty()).collect();

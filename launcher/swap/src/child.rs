@@ -1,7 +1,7 @@
-//! One process: started under its own name, its last words kept; or taken over from a launcher that
-//! has died.
+//! One process: started under its own name, its last lines on standard error kept; or taken over
+//! from a launcher that has died.
 
-use crate::last_words::LastWords;
+use crate::last_words::LastStderr;
 use crate::output_pipe::OutputPipe;
 use crate::relay::Relay;
 use runtime::Place;
@@ -22,7 +22,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 /// How long a killed process may take to be gone \[s\].
 const END_LIMIT_S: i64 = 1;
 
-/// How an executable is told what to be.
+/// The arguments that make an executable the process that it is to be.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Launch {
     /// `morphquad proc NAME`, perhaps with another scenario's configuration.
@@ -45,7 +45,7 @@ pub struct ChildSpec {
     /// Service name, and the process's name in `ps` and `top`.
     pub name: String,
     pub executable: PathBuf,
-    /// What it is told.
+    /// Its arguments.
     pub launch: Launch,
     /// Processor to stay on, if any.
     pub cpu: Option<usize>,
@@ -58,7 +58,7 @@ pub struct ChildSpec {
 /// How a process has ended.
 #[derive(Debug, Clone, Copy)]
 pub enum Death {
-    /// As its parent is told.
+    /// As the system reports it to the parent.
     Status(ExitStatus),
     /// It was another launcher's child: that it is gone is all there is to know.
     Unseen,
@@ -70,7 +70,7 @@ pub struct RunningChild {
     hold: Hold,
     /// The controller, if what was started is a script that has started it.
     inner: Option<Caught>,
-    last_words: LastWords,
+    last_stderr: LastStderr,
     /// What a controller prints; a service of this program prints on the launcher's standard error itself.
     printed: Option<Relay>,
     pipes: OutputPipes,
@@ -147,7 +147,7 @@ impl RunningChild {
             }
         };
         inherited.push(errors.inherited);
-        let last_words = LastWords::of(errors.reader)?;
+        let last_stderr = LastStderr::of(errors.reader)?;
         if let Some(config) = config {
             command.arg("--config").arg(config);
         }
@@ -171,7 +171,7 @@ impl RunningChild {
         }
         let child = command.spawn()?;
         drop(inherited);
-        Ok(Self { hold: Hold::Child(child, None), inner: None, last_words, printed, pipes })
+        Ok(Self { hold: Hold::Child(child, None), inner: None, last_stderr, printed, pipes })
     }
 
     /// A process that another launcher has started under a name, with these pipes; none if it is gone. What it writes
@@ -181,10 +181,10 @@ impl RunningChild {
         // Looked at after it has been caught: a process that has been given its number since is another one.
         let caught = Caught::of(pid).filter(|_| process_start(pid) == Some(started))?;
         let reader = |inode: Option<u64>| OutputPipe::of_process(pid, inode?);
-        let errors = reader(pipes.errors).and_then(|pipe| LastWords::of(pipe).ok());
+        let errors = reader(pipes.errors).and_then(|pipe| LastStderr::of(pipe).ok());
         let printed = reader(pipes.printed).and_then(|pipe| Relay::of(pipe, name).ok());
-        let last_words = errors.unwrap_or_default();
-        Some(Self { hold: Hold::TakenOver(caught), inner: None, last_words, printed, pipes })
+        let last_stderr = errors.unwrap_or_default();
+        Some(Self { hold: Hold::TakenOver(caught), inner: None, last_stderr, printed, pipes })
     }
 
     /// What it writes to, for the next launcher.
@@ -223,7 +223,7 @@ impl RunningChild {
         Some(death)
     }
 
-    /// What it has printed comes before what is told of its death.
+    /// What it has printed comes before the report of its death.
     fn show_the_rest(&mut self) {
         drop(self.printed.take().inspect(Relay::finish));
     }
@@ -233,7 +233,7 @@ impl RunningChild {
             Hold::Child(_, Some(status)) => Some(Death::Status(*status)),
             Hold::Child(child, status) => {
                 has_ended(child.id()).then(|| signal_group(child.id(), Signal::KILL))?;
-                // It must not say anything more when its death is told.
+                // It must not print anything more when its death is reported.
                 let _ = self.inner.take().is_none_or(|inner| inner.is_gone(END_LIMIT_S));
                 *status = child.try_wait().ok().flatten();
                 status.map(Death::Status)
@@ -271,16 +271,16 @@ impl RunningChild {
         self.signal(Signal::STOP);
     }
 
-    /// What a child said last; call after it has exited.
+    /// The last lines on a child's standard error; call after it has exited.
     #[must_use]
-    pub fn last_words(&self) -> String {
-        self.last_words.complete()
+    pub fn last_stderr(&self) -> String {
+        self.last_stderr.complete()
     }
 
-    /// What a child has said last until now.
+    /// The last lines on a child's standard error until now.
     #[must_use]
-    pub fn words_so_far(&self) -> String {
-        self.last_words.so_far()
+    pub fn stderr_so_far(&self) -> String {
+        self.last_stderr.so_far()
     }
 }
 
@@ -312,7 +312,7 @@ fn signal_group(pid: u32, signal: Signal) {
     let _ = raw(pid).map(|pid| kill_process_group(pid, signal));
 }
 
-/// For words that must reach the user even when the launcher no longer can.
+/// For messages that must reach the user even when the launcher no longer can.
 fn launcher_stderr() -> Stdio {
     io::stderr().as_fd().try_clone_to_owned().map_or_else(|_| Stdio::null(), Stdio::from)
 }

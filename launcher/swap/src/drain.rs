@@ -18,7 +18,7 @@ pub(crate) trait Sink: Send + 'static {
     /// The next bytes, which may end anywhere.
     fn take(&mut self, bytes: &[u8]);
 
-    /// Nothing more is expected; told at least once.
+    /// Nothing more is expected; called at least once.
     fn end(&mut self) {}
 }
 

@@ -1,4 +1,4 @@
-//! The slots of a flight: who commands them, who may take over and what is done when a process is lost.
+//! The slots of a flight: which process commands them, which may take over and what is done when a process is lost.
 //!
 //! [`Slots`] runs the protocol of the crate `slot` for each slot of a flight and has [`Posts`] do what it decides:
 //! processes under a supervisor, or components in one thread. Open `slots` for the events and decisions,

@@ -5,7 +5,7 @@ use runtime::ipc::{Bus, IpcSink, PortError};
 use scenario::orders::Sent;
 use shared_types::{DisturbanceOrder, GuidanceOrder, topics};
 
-/// What pilot and injector are told, and have been told last.
+/// Sends orders to pilot and injector, and keeps the last one of each.
 #[derive(Debug)]
 pub struct OrderSinks {
     guidance: IpcSink<GuidanceOrder>,
@@ -32,7 +32,7 @@ impl OrderSinks {
         (&self.last.0, &self.last.1)
     }
 
-    /// Remembers what is to be said, so that it can be noted before any process hears of it.
+    /// Remembers an order that is to be sent, so that it can be noted before any process receives it.
     pub fn take(&mut self, sent: &Sent) {
         match sent {
             Sent::Guidance(order) => self.last.0 = *order,
@@ -40,7 +40,7 @@ impl OrderSinks {
         }
     }
 
-    /// Says it.
+    /// Sends it.
     pub fn send(&mut self, sent: &Sent) {
         match sent {
             Sent::Guidance(order) => self.guidance.send(order),
@@ -48,7 +48,7 @@ impl OrderSinks {
         }
     }
 
-    /// Says again what another launcher had said last: it went with that one.
+    /// Sends again what another launcher had sent last: it went with that one.
     pub fn go_on(&mut self, guidance: &GuidanceOrder, disturbance: &DisturbanceOrder) {
         self.last = (*guidance, *disturbance);
         if guidance.header.sequence > 0 {

@@ -1,4 +1,4 @@
-//! Which process sits where, and which commands which slot, as the supervisor tells all of them.
+//! Which process sits where, and which commands which slot, as the supervisor publishes it to all of them.
 
 use runtime::ipc::{Bus, IpcSink, PortError, ServiceKind};
 use runtime::{SeatMarks, Sink as _};
@@ -73,12 +73,12 @@ impl RegistryWriter {
         self.entries_mut().iter_mut().filter(of_seat).for_each(|e| e.present = Flag::No);
     }
 
-    /// Tells all processes.
+    /// Publishes it to all processes.
     pub fn publish(&mut self) {
         self.sink.send(&self.registry);
     }
 
-    /// Sends the last word to readers that have joined since.
+    /// Sends the last registry to readers that have joined since.
     pub fn serve_late_joiners(&mut self) {
         self.sink.serve_late_joiners();
     }
@@ -137,7 +137,7 @@ impl SlotOwner {
 
     /// Takes a record that is to be announced.
     pub fn take(&mut self, record: OwnerRecord, marks: &mut SeatMarks) {
-        // One that is said again comes after itself.
+        // A record that is published again comes after itself.
         if record.epoch > self.last.epoch {
             self.before = self.last;
         }

@@ -27,7 +27,7 @@ pub struct Post {
     pub started: u64,
     /// Processes that have been started here before this one.
     pub generation: u32,
-    /// Has said hello.
+    /// Has sent its hello.
     pub ready: bool,
     /// Has left in order.
     pub finished: bool,
@@ -39,9 +39,9 @@ pub struct Post {
     pub died: (u32, u64),
     /// It waits for a hand-over before it begins.
     pub awaits_handover: bool,
-    /// It has been told where to begin.
+    /// It has been given where to begin.
     handed_over: bool,
-    /// Its successor goes on from its last state, and no process is told.
+    /// Its successor goes on from its last state, and no process is notified.
     pub goes_on: bool,
     /// It has been killed on purpose.
     pub scripted: bool,
@@ -112,7 +112,7 @@ impl Post {
         is_own
     }
 
-    /// True of a process that is there and begins with the flight, or has been told where to begin.
+    /// True of a process that is there and begins with the flight, or has been given where to begin.
     #[must_use]
     pub fn flies(&self) -> bool {
         self.child.is_some() && self.ready && (self.handed_over || !self.awaits_handover)
@@ -144,17 +144,17 @@ impl Post {
         hung
     }
 
-    /// What the process said last, for the end of a sentence; call after it has exited.
-    pub fn words(&self) -> String {
-        Self::quoted(&self.child.as_ref().map(RunningChild::last_words).unwrap_or_default())
+    /// The last lines on the process's standard error, for the end of a sentence; call after it has exited.
+    pub fn last_stderr(&self) -> String {
+        Self::quoted(&self.child.as_ref().map(RunningChild::last_stderr).unwrap_or_default())
     }
 
-    /// What the process has said until now, for the end of a sentence.
-    pub fn words_so_far(&self) -> String {
-        Self::quoted(&self.child.as_ref().map(RunningChild::words_so_far).unwrap_or_default())
+    /// The last lines on its standard error until now, for the end of a sentence.
+    pub fn stderr_so_far(&self) -> String {
+        Self::quoted(&self.child.as_ref().map(RunningChild::stderr_so_far).unwrap_or_default())
     }
 
-    fn quoted(words: &str) -> String {
-        if words.is_empty() { String::new() } else { format!(", its last words:\n{words}\n") }
+    fn quoted(lines: &str) -> String {
+        if lines.is_empty() { String::new() } else { format!(", its last words:\n{lines}\n") }
     }
 }

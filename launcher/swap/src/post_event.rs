@@ -13,7 +13,7 @@ pub enum FlightError {
     Start {
         /// The process.
         name: String,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
     /// There is too little shared memory for another process.
@@ -25,14 +25,14 @@ pub enum FlightError {
         shortage: Shortage,
     },
     /// A process has ended before the flight began.
-    #[error("{name} ended before it was ready ({how}){words}")]
+    #[error("{name} ended before it was ready ({how}){last_stderr}")]
     NotReady {
         /// The process.
         name: String,
         /// How it has ended.
         how: String,
         /// The last lines of its standard error.
-        words: String,
+        last_stderr: String,
     },
     /// Processes are too slow to start.
     #[error(
@@ -45,14 +45,14 @@ pub enum FlightError {
         limit_s: f64,
     },
     /// A process has ended that is not started again.
-    #[error("{name} {how}{words}; {reason}")]
+    #[error("{name} {how}{last_stderr}; {reason}")]
     Lost {
         /// The process.
         name: String,
         /// How it has ended.
         how: String,
         /// The last lines of its standard error.
-        words: String,
+        last_stderr: String,
         /// Why it is not started again.
         reason: String,
     },
@@ -64,7 +64,7 @@ pub enum FlightError {
 /// What has happened at a post in a slot.
 #[derive(Debug, Clone)]
 pub enum PostEvent {
-    /// A process is in the registry and may be told to begin.
+    /// A process is in the registry and may be given where to begin.
     Joined {
         /// Its role and seat.
         place: Seat,

@@ -19,7 +19,7 @@ pub struct PostNote {
     pub process: Option<(u32, u64)>,
     /// Where what it writes goes.
     pub pipes: OutputPipes,
-    /// It has said hello.
+    /// It has sent its hello.
     pub ready: bool,
     /// It has left in order.
     pub finished: bool,

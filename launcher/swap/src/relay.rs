@@ -27,7 +27,7 @@ struct Meter {
 }
 
 impl Meter {
-    /// Whether one more line may be shown, and how many have been left out before it that nothing was said about yet.
+    /// Whether one more line may be shown, and how many have been left out before it without a report yet.
     fn admit(&mut self, now_ns: u64) -> (bool, u64) {
         let is_new = now_ns >= self.second_from_ns + SECOND_NS;
         if is_new {
@@ -53,13 +53,13 @@ struct Relayed<W> {
 impl<W: FnMut(&str) -> bool> Relayed<W> {
     fn show(&mut self, line: &[u8], now_ns: u64) {
         let (is_admitted, left_out) = self.meter.admit(now_ns);
-        self.tell(left_out);
+        self.report_left_out(left_out);
         if is_admitted && !(self.to)(&format!("{}: {}\n", self.name, text(line))) {
             self.meter.left_out += 1;
         }
     }
 
-    fn tell(&mut self, left_out: u64) {
+    fn report_left_out(&mut self, left_out: u64) {
         if left_out > 0 && !(self.to)(&format!("{}: lines left out: {left_out}\n", self.name)) {
             self.meter.left_out += left_out;
         }
@@ -80,7 +80,7 @@ impl<W: FnMut(&str) -> bool + Send + 'static> Sink for Relayed<W> {
             self.show(lines.rest(), mono_now_ns());
         }
         let left_out = core::mem::take(&mut self.meter.left_out);
-        self.tell(left_out);
+        self.report_left_out(left_out);
     }
 }
 

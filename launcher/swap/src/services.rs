@@ -25,7 +25,7 @@ pub struct HeldServices {
 /// Services that another program has removed, or made anew.
 #[derive(Debug)]
 pub struct RemovedServices {
-    /// Their names, as far as they could be told.
+    /// Their names, as far as they are known.
     pub names: Vec<String>,
     /// Whether they could be put back.
     pub put_back: io::Result<()>,
@@ -227,7 +227,7 @@ impl HeldServices {
 /// True if a process of `role` reads or writes a topic.
 #[must_use]
 pub fn concerns(graph: &Graph, role: Role, topic: &TopicInfo) -> bool {
-    // Owner records tell each member of a slot when to leave; statistics are about every loop.
+    // Owner records state when each member of a slot is to leave; statistics are about every loop.
     let of_all = [&topics::LOOP_STATS.info, &topics::DEVIATION.info];
     topic.to.contains(&role)
         || graph.producer(topic) == role

@@ -1,4 +1,4 @@
-//! Tells a process that hangs from one that the machine does not let run.
+//! Distinguishes a process that hangs from one that the machine does not let run.
 
 use std::fs;
 
@@ -29,9 +29,9 @@ impl Standstill {
 fn ticks_of_runnable(stat: &str) -> Option<u64> {
     // The name before it may hold anything.
     let (_, rest) = stat.rsplit_once(')')?;
-    let mut words = rest.split_whitespace();
-    words.next().filter(|state| *state == "R")?;
-    let mut times = words.skip(10).map_while(|word| word.parse::<u64>().ok());
+    let mut fields = rest.split_whitespace();
+    fields.next().filter(|state| *state == "R")?;
+    let mut times = fields.skip(10).map_while(|field| field.parse::<u64>().ok());
     Some(times.next()? + times.next()?)
 }
 

@@ -28,8 +28,8 @@ use thiserror::Error;
 
 /// How long the dead launcher's ports may take to be freed \[ns\]: milliseconds, unless the machine is busy.
 const SWEEP_LIMIT_NS: u64 = 20_000_000_000;
-/// How long consumers may take to say which seat they follow \[ns\].
-const HEAR_LIMIT_NS: u64 = 300_000_000;
+/// How long consumers may take to report which seat they follow \[ns\].
+const REPORT_LIMIT_NS: u64 = 300_000_000;
 
 /// Which run to take over, and how.
 #[derive(Debug, Clone)]
@@ -52,7 +52,7 @@ pub enum AdoptError {
     #[error("run {run} needs no launcher: {source}")]
     Led {
         run: String,
-        /// Who, or why its folder cannot be used.
+        /// Which process leads it, or why its folder cannot be used.
         source: LeadError,
     },
     /// Its time stands still.
@@ -91,7 +91,7 @@ impl From<PortError> for AdoptError {
     }
 }
 
-/// Takes a run over whose launcher has died, and leads it to its end.
+/// Takes over a run whose launcher has died, and leads it to its end.
 ///
 /// # Errors
 /// [`AdoptError`]; nothing has been done to the run then, and what happens in flight is in the summary.
@@ -133,11 +133,12 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
     membership.announce_lead().map_err(RunError::from)?;
     let mut flight =
         Flight::find(&options, &membership, stop, &mut checkpoint, (path.as_deref(), recording))?;
-    let who = before.map_or_else(String::new, |leader| format!(" from process {}", leader.pid));
+    let predecessor =
+        before.map_or_else(String::new, |leader| format!(" from process {}", leader.pid));
     let outcome = match flight.take_over(&checkpoint) {
         Ok(()) => {
             let s = flight.begun.0 as f64 * 1e-9;
-            flight.notice(&format!("took run {run} over at {s:.3} s{who}, which had died"));
+            flight.notice(&format!("took run {run} over at {s:.3} s{predecessor}, which had died"));
             flight.fly()
         }
         Err(error) => Outcome::Lost(error),
@@ -154,7 +155,7 @@ impl AdoptOptions {
     }
 }
 
-/// The recording from here on, which says what it continues.
+/// The recording from here on, which names what it continues.
 fn open_recording(
     options: &RunOptions,
     checkpoint: &Checkpoint,
@@ -255,17 +256,17 @@ impl Flight {
         Ok(Self { leftovers: Some(leftovers), ..Self::of(prepared, options)? })
     }
 
-    /// Takes the lead: says again what the launcher before has said last, and goes on with each slot as its consumer has
-    /// it.
+    /// Takes the lead: publishes again what the launcher before has published last, and goes on with each slot as its
+    /// consumer has it.
     fn take_over(&mut self, checkpoint: &Checkpoint) -> Result<(), String> {
         let now_ns = mono_now_ns();
         self.begun = (self.conductor.wall_ns(now_ns), now_ns);
         self.progress_at = (now_ns, 0);
         self.protect();
         self.script.skip_before(self.begun.0);
-        self.to_tell.skip_before(self.begun.0);
+        self.announcements.skip_before(self.begun.0);
         self.orders.go_on(&checkpoint.guidance.0, &checkpoint.disturbance.0);
-        self.conductor.say_again();
+        self.conductor.publish_again();
         let led = self.supervisor.go_on(checkpoint, &mut self.tap);
         led.map_err(|error| error.to_string())?;
         self.listen(checkpoint);
@@ -280,19 +281,21 @@ impl Flight {
         Ok(())
     }
 
-    /// Waits until the consumers have said which seat they follow, and what was said before has been said again: what
-    /// happened to a slot while no launcher led is known to its processes alone.
+    /// Waits until the consumers have reported which seat they follow, and what was published before has been published
+    /// again: what happened to a slot while no launcher led is known to its processes alone.
     fn listen(&mut self, checkpoint: &Checkpoint) {
         // What follows the position slot is in the attitude slot, if anything is alive there.
         let has_position = checkpoint.posts.iter().any(|post| post.place().role == Role::Position);
         let mut living = self.supervisor.living();
         let position_too = has_position && living.any(|(seat, ..)| seat.role == Role::Attitude);
-        let give_up_ns = mono_now_ns() + HEAR_LIMIT_NS;
+        let give_up_ns = mono_now_ns() + REPORT_LIMIT_NS;
         while mono_now_ns() < give_up_ns {
             self.tap.drain(mono_now_ns());
             let watch = self.tap.sinks.slot_watch.as_ref();
-            let has_heard = watch.is_none_or(|watch: &SlotWatch| watch.has_heard(position_too));
-            if has_heard && self.supervisor.has_served_since(&self.tap, self.tap.opened_mono_ns) {
+            let have_reported =
+                watch.is_none_or(|watch: &SlotWatch| watch.has_reports(position_too));
+            if have_reported && self.supervisor.has_served_since(&self.tap, self.tap.opened_mono_ns)
+            {
                 return;
             }
             sleep_until(mono_now_ns() + LOOK_EVERY_NS);

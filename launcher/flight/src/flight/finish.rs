@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 impl Flight {
     /// Ends a flight that never started. Viewers get the end of it as of any other, and with it the time to answer a client
-    /// that has told it to stop.
+    /// that has ordered it to stop.
     pub(super) fn abort(mut self, error: &RunError) {
         self.supervisor.kill_all();
         if let Some(feed) = &self.tap.sinks.feed {

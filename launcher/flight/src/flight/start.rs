@@ -57,7 +57,7 @@ pub(super) struct Prepared {
     pub(super) described: Described,
 }
 
-/// What a scenario says about crashes.
+/// What a scenario prescribes for crashes.
 pub(super) fn restart_policy(scenario: &Scenario, takes_all: bool) -> RestartPolicy {
     let launcher = &scenario.settings().launcher;
     RestartPolicy {
@@ -176,7 +176,7 @@ impl Flight {
             tap: Tap::open(&bus, &graph, sinks)?,
             conductor,
             timed,
-            to_tell: options.scenario.timing().unwrap_or_default().to_tell(),
+            announcements: options.scenario.timing().unwrap_or_default().to_tell(),
             asked: Vec::new(),
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,
@@ -229,7 +229,7 @@ impl Flight {
         if let Some(lacking) = grants.lacking() {
             self.notice(&lacking);
         } else if let Some(granted) = grants.granted() {
-            self.say(&granted);
+            self.print(&granted);
         }
         let limit_s = scenario.settings().launcher.startup_timeout_s;
         let deadline_ns = mono_now_ns() + ns_from_s(limit_s);
@@ -256,7 +256,7 @@ impl Flight {
         if realtime && !is_locked && self.reservation.is_none() {
             let MemoryNeed { shared_mb, own_mb } = MemoryNeed::RESERVED;
             let all_mb = shared_mb + own_mb;
-            self.say(&format!(
+            self.print(&format!(
                 "the memory of this flight is neither locked nor reserved, for which {shared_mb} MB in {BASE} and {all_mb} MB \
                  in all would have to be free: a program that takes them can end the flight"
             ));

@@ -1,4 +1,5 @@
-//! A flight whose loops and samples take the time that a script says: when its launcher decides, and when loops have turns.
+//! A flight whose loops and samples take the time that a script sets: when its launcher decides, and when loops have
+//! turns.
 //!
 //! What is decided between two stretches of the flight is decided as without processes: once all turns before it have been
 //! taken, and all processes that come or go have come or gone.
@@ -70,7 +71,7 @@ impl Flight {
             let is_flown = timed.turns.give_until(until_ns, end_ns, &self.graph, &participants);
             timed.is_flown = is_flown && until_ns >= self.conductor.allowed_ns();
         }
-        self.tell_until(timed.turns.now_ns());
+        self.announce_until(timed.turns.now_ns());
         let has_moved = timed.turns.taken() > before || (may_go_on && timed.is_flown);
         self.timed = Some(timed);
         if !has_moved {
@@ -78,9 +79,9 @@ impl Flight {
         }
     }
 
-    /// Tells in the recording what of the script of times begins by an instant \[ns\].
-    pub(super) fn tell_until(&mut self, now_ns: u64) {
-        while let Some((from_ns, text)) = self.to_tell.next_by(now_ns) {
+    /// Writes into the recording what of the script of times begins by an instant \[ns\].
+    pub(super) fn announce_until(&mut self, now_ns: u64) {
+        while let Some((from_ns, text)) = self.announcements.next_by(now_ns) {
             let text = format!("{FAULT}{text}");
             self.tap.sinks.note(from_ns, Severity::Info, "launcher", &text);
         }

@@ -1,4 +1,4 @@
-//! What the main loop looks at besides: unregistered publishers, loops that stand still, what is to be told.
+//! What the main loop looks at besides: unregistered publishers, loops that stand still, notices.
 
 use super::Flight;
 use super::timed::Timed;
@@ -14,10 +14,10 @@ use swap::{FlightError, Slots};
 /// How often all files of the run in shared memory are looked at \[ns\].
 const FILE_LOOK_NS: u64 = 500_000_000;
 
-/// How often it is told that services were put back: a program that goes on removing them fills no summary.
-const MAX_REMOVALS_TOLD: u32 = 8;
+/// How often it is reported that services were put back: a program that goes on removing them fills no summary.
+const MAX_REMOVALS_REPORTED: u32 = 8;
 
-/// From how long on a standstill of the launcher is told: its readers keep what is said in a second \[ns\].
+/// From how long on a standstill of the launcher is reported: its readers keep what is published in a second \[ns\].
 const STANDSTILL_NS: u64 = 500_000_000;
 
 impl Flight {
@@ -80,11 +80,12 @@ impl Flight {
         ));
     }
 
-    /// Puts services back that are no longer there, and says so. A process that has just been started looks for them later.
+    /// Puts services back that are no longer there, and reports it. A process that has just been started looks for them
+    /// later.
     fn keep_services(&mut self, all_files: bool) {
         let Some(removed) = self.services.put_back(&self.bus, all_files) else { return };
         let (count, most) = match &removed.put_back {
-            Ok(()) => (&mut self.removals.0, MAX_REMOVALS_TOLD),
+            Ok(()) => (&mut self.removals.0, MAX_REMOVALS_REPORTED),
             Err(_) => (&mut self.removals.1, 1),
         };
         *count += 1;
@@ -106,8 +107,8 @@ impl Flight {
         self.notice(&text);
     }
 
-    /// Says that this launcher itself stood still for long in realtime: what it could not record in that time is missing
-    /// for that reason, and no process that died could be started again.
+    /// Reports that this launcher itself stood still for long in realtime: what it could not record in that time is
+    /// missing for that reason, and no process that died could be started again.
     pub(super) fn name_standstill(&mut self, now_ns: u64) {
         let stood_ns = now_ns.saturating_sub(self.looked_ns.replace(now_ns).unwrap_or(now_ns));
         if stood_ns < STANDSTILL_NS {
@@ -204,12 +205,12 @@ impl Flight {
     }
 
     pub(super) fn notice(&mut self, text: &str) {
-        self.say(text);
+        self.print(text);
         self.notices.push(text.to_owned());
     }
 
-    /// Says what need not be remembered.
-    pub(super) fn say(&self, text: &str) {
+    /// Prints what need not be remembered.
+    pub(super) fn print(&self, text: &str) {
         // As a whole, so that what a controller prints comes before or after it.
         let line = format!("morphquad: {text}\n");
         let write = || drop(std::io::stderr().write_all(line.as_bytes()));

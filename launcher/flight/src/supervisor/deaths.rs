@@ -45,15 +45,15 @@ impl Supervisor {
             Death::Unseen => has_left(post, tap, now_ns),
         };
         if in_order {
-            let words = if post.ready { String::new() } else { post.words() };
+            let last_stderr = if post.ready { String::new() } else { post.last_stderr() };
             post.finished = true;
             post.child = None;
             let place = post.seat;
             if place.role.is_slot() {
-                let unheard = !post.ready && !post.scripted;
-                let exit_reason = unheard.then(|| {
-                    let (name, words) = (post.spec.name.clone(), words);
-                    format!("{name} exited with status 0 before it said hello{words}")
+                let left_without_hello = !post.ready && !post.scripted;
+                let exit_reason = left_without_hello.then(|| {
+                    let (name, last_stderr) = (post.spec.name.clone(), last_stderr);
+                    format!("{name} exited with status 0 before it said hello{last_stderr}")
                 });
                 self.leave_registry(place, tap);
                 self.events.push(PostEvent::Gone { place, exit_reason });
@@ -62,17 +62,17 @@ impl Supervisor {
         }
         let name = post.spec.name.clone();
         let how = describe(death);
-        let words = post.words();
+        let last_stderr = post.last_stderr();
         post.child = None;
         remove_incomplete_objects(&self.folder);
-        // What the dead said last goes with what they leave behind.
+        // What dead processes published last goes with what they leave behind.
         bus.sweep_dead_processes(&mut || {
             tap.drain(now_ns);
         });
         tap.keep_state_of(post.seat, now_ns);
         let lost = |reason: String| {
-            let (name, how, words) = (name.clone(), how.clone(), words.clone());
-            FlightError::Lost { name, how, words, reason }
+            let (name, how, last_stderr) = (name.clone(), how.clone(), last_stderr.clone());
+            FlightError::Lost { name, how, last_stderr, reason }
         };
         if post.seat.role == Role::Plant {
             return Err(lost(PLANT_GONE.to_owned()));
@@ -89,9 +89,9 @@ impl Supervisor {
         let is_stateless = is_under_way && own_state(post, tap).is_none();
         let is_crash_looping = post.died.0 > DEATHS_MAX || is_stateless;
         if post.seat.role.is_slot() && (post.scripted || is_crash_looping || !keeps(post.seat)) {
-            // Who commands the slot now is not decided here.
+            // Which process commands the slot now is not decided here.
             let place = post.seat;
-            let exit_reason = (!post.scripted).then(|| format!("{name} {how}{words}"));
+            let exit_reason = (!post.scripted).then(|| format!("{name} {how}{last_stderr}"));
             post.scripted = false;
             post.ready = false;
             post.died = (0, 0);
@@ -106,12 +106,12 @@ impl Supervisor {
         post.ready = false;
         self.recovered += 1;
         let from = if own_state(post, tap).is_some() { " from its last state" } else { "" };
-        let text = format!("{name} {how}{words}; restarting it{from}");
+        let text = format!("{name} {how}{last_stderr}; restarting it{from}");
         self.notices.push(Notice { source: name, text });
         Ok(())
     }
 
-    /// Counts a restart and tells how long to wait before it, or why there shall be none \[ns\].
+    /// Counts a restart and returns how long to wait before it, or why there shall be none \[ns\].
     pub(super) fn pause_before_restart(
         &mut self,
         index: usize,
@@ -127,7 +127,7 @@ impl Supervisor {
         Ok((self.policy.backoff_ns << count.min(20)).min(self.policy.backoff_max_ns))
     }
 
-    /// Ends a process; its death is told as an event.
+    /// Ends a process; its death is reported as an event.
     pub(crate) fn kill(&mut self, seat: Seat) {
         if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat) {
             post.scripted = true;
@@ -137,10 +137,10 @@ impl Supervisor {
         }
     }
 
-    /// What a process has said on its standard error until now, for the end of a sentence.
-    pub(crate) fn words_so_far(&self, seat: Seat) -> String {
+    /// What a process has written to its standard error until now, for the end of a sentence.
+    pub(crate) fn stderr_so_far(&self, seat: Seat) -> String {
         let post = self.posts.iter().find(|post| post.seat == seat);
-        post.map(Post::words_so_far).unwrap_or_default()
+        post.map(Post::stderr_so_far).unwrap_or_default()
     }
 
     /// Stops a process without ending it. In a slot no process waits for it any more, since another can command; one
@@ -198,7 +198,7 @@ impl Supervisor {
     }
 }
 
-/// True if a process whose exit status has not been seen said before that nothing will follow.
+/// True if a process whose exit status has not been seen published before that nothing will follow.
 fn has_left(post: &Post, tap: &mut Tap, now_ns: u64) -> bool {
     tap.drain(now_ns);
     tap.marks.of_seat(post.seat, post.generation) == u64::MAX

@@ -7,8 +7,8 @@ use shared_types::{RegistryEntry, Seat};
 use swap::post::Post;
 
 impl Supervisor {
-    /// True once every process has given what it had published to all that have joined: what those hear of a process that
-    /// dies now is then certain. One that does not is not waited for any longer than [`SERVE_LIMIT_NS`].
+    /// True once every process has given what it had published to all that have joined: what those receive of a process
+    /// that dies now is then certain. One that does not is not waited for any longer than [`SERVE_LIMIT_NS`].
     pub(crate) fn has_served(&self, tap: &Tap, now_mono_ns: u64) -> bool {
         let since_ns = self.joined_mono_ns;
         now_mono_ns >= since_ns.saturating_add(SERVE_LIMIT_NS)
@@ -29,7 +29,7 @@ impl Supervisor {
         tap.marks.has_served(one.seat, one.generation, self.joined_mono_ns)
     }
 
-    /// The loops that fly: what has been started in flight does so once it has been told where to begin.
+    /// The loops that fly: what has been started in flight does so once it has been given where to begin.
     pub(crate) fn participants(&self) -> Vec<Participant> {
         let flies = |entry: &&RegistryEntry| {
             let of_seat =
@@ -47,14 +47,14 @@ impl Supervisor {
         self.present().filter(flies).map(participant).collect()
     }
 
-    /// True while a process is starting, is to be started again, or has been told to end and has not.
+    /// True while a process is starting, is to be started again, or has been ordered to end and has not.
     pub(crate) fn is_changing(&self) -> bool {
         self.posts.iter().any(|post| {
             post.restart_at_ns.is_some() || post.child.is_some() && (!post.ready || post.scripted)
         })
     }
 
-    /// True if something has happened in the slots of which these have not heard.
+    /// True if something has happened in the slots that these have not taken in.
     pub(crate) fn has_events(&self) -> bool {
         !self.events.is_empty()
     }

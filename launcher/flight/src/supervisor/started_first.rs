@@ -15,7 +15,7 @@ use swap::child::{Launch, RunningChild};
 /// What a launcher that takes over has started before its supervisor is there.
 pub(crate) struct StartedFirst {
     children: Vec<(Seat, RunningChild)>,
-    /// Hears what they say meanwhile; none if the service is not there, as when another program has freed it.
+    /// Receives their hellos meanwhile; none if the service is not there, as when another program has freed it.
     hello: Option<IpcSource<Hello>>,
 }
 
@@ -51,7 +51,7 @@ impl StartedFirst {
             (note.pipes, note.ready) = (child.pipes(), false);
             started.children.push((note.place(), child));
         }
-        // If it cannot be written now, the supervisor says so as soon as it writes.
+        // If it cannot be written now, the supervisor reports it as soon as it writes.
         let _ = checkpoint.save(folder);
         started
     }
@@ -78,7 +78,7 @@ fn hellos(bus: &Bus) -> Result<IpcSource<Hello>, PortError> {
 #[derive(Debug)]
 pub(super) struct Expected {
     pub(super) seat: Seat,
-    /// What it has said of itself, if it has by then.
+    /// Its hello, if that has arrived by then.
     pub(super) joined: Option<Joined>,
 }
 

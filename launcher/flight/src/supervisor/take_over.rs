@@ -61,18 +61,18 @@ impl Supervisor {
             let Some(child) = started.take(post.seat) else { continue };
             post.hold(child, true);
             if post.seat.role.is_slot() {
-                // Where it begins is for its slot to say.
+                // Where it begins is for its slot to decide.
                 post.goes_on = false;
                 let seat = post.seat;
                 supervisor.expected.push(Expected { seat, joined: None });
             } else {
-                supervisor.tell_of_restart(index);
+                supervisor.report_restart(index);
             }
         }
         Ok(supervisor)
     }
 
-    fn tell_of_restart(&mut self, index: usize) {
+    fn report_restart(&mut self, index: usize) {
         let source = self.posts[index].spec.name.clone();
         let text = format!(
             "{source} has died while the flight had no launcher: starting it anew, without its state"
@@ -93,9 +93,9 @@ impl Supervisor {
             if post.child.is_some() || post.finished || post.seat.role.seats() > 1 {
                 continue;
             }
-            self.tell_of_restart(index);
+            self.report_restart(index);
             if let Some(Err(_)) = self.start_again(index, false, now_ns) {
-                // It is tried again as any other, and then told why it cannot be.
+                // It is tried again as any other, and the reason why it cannot be is reported then.
                 self.posts[index].restart_at_ns = Some(now_ns);
             }
             self.note();
@@ -107,7 +107,7 @@ impl Supervisor {
         plant.any(|post| post.child.is_none() && !post.finished)
     }
 
-    /// Says again who sits where and who commands, as the launcher before has said it last.
+    /// Publishes again which process sits where and which commands, as the launcher before has published it last.
     ///
     /// # Errors
     /// Nothing is left to fly.
@@ -131,7 +131,7 @@ impl Supervisor {
             return Err(FlightError::Lost {
                 name: Role::Plant.label().to_owned(),
                 how: "died while the flight had no launcher".to_owned(),
-                words: String::new(),
+                last_stderr: String::new(),
                 reason: PLANT_GONE.to_owned(),
             });
         }
@@ -157,7 +157,7 @@ impl Supervisor {
         self.note();
     }
 
-    /// Notes who there is and who commands.
+    /// Notes which processes there are and which command.
     pub(super) fn note(&mut self) {
         let posts = self.posts.iter().map(|post| PostNote {
             role: post.seat.role.label().to_owned(),
@@ -184,7 +184,7 @@ impl Supervisor {
     }
 }
 
-/// What was said of who owns a slot: the record before the last one, and that one.
+/// What was published about the owner of a slot: the record before the last one, and that one.
 fn records_of(checkpoint: &Checkpoint, slot: Role) -> impl Iterator<Item = &OwnerRecord> {
     let records = checkpoint.owners_before.iter().chain(&checkpoint.owners);
     records.map(|record| &record.0).filter(move |record| record.slot == slot)
@@ -201,7 +201,7 @@ fn taken_over(bus: &Bus, note: &PostNote, started: &StartedFirst) -> Result<Post
     let take_over =
         |(pid, started)| RunningChild::take_over(pid, started, &note.spec.name, note.pipes);
     let mut living = note.process.and_then(take_over);
-    // It waits for a word that its launcher can no longer say.
+    // It waits for a message that its launcher can no longer send.
     if let Some(waits) = living.take_if(|_| !note.ready) {
         waits.end();
     }

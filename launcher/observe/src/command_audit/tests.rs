@@ -26,7 +26,7 @@ fn applied(at_ms: u64, epoch: u64, command: (u32, u64), failed_over: bool) -> Ap
     }
 }
 
-/// Seat 0 commands from 0 ms on, seat 1 from 20 ms on; both always speak. The first tick has no command, as in a
+/// Seat 0 commands from 0 ms on, seat 1 from 20 ms on; both always publish. The first tick has no command, as in a
 /// flight.
 fn flip() -> CommandAudit {
     let mut audit = CommandAudit::default();
@@ -139,7 +139,7 @@ fn ticks_are_judged_as_they_settle_and_old_commands_forgotten() {
 fn a_recorder_that_was_kept_from_its_topics_for_two_seconds_finds_nothing_wrong() {
     let mut audit = CommandAudit::default();
     for begin_ms in [0, 2_000, 4_000, 6_000, 8_000] {
-        // As the recorder takes them: the ticks, then the commands, then who may command.
+        // As the recorder takes them: the ticks, then the commands, then which seats may command.
         for at_ms in begin_ms..begin_ms + 2_000 {
             audit.applied(&applied(at_ms, 1, (0, at_ms / 10 + 1), false));
         }

@@ -1,4 +1,4 @@
-//! The other end: asks the launcher of a run and listens to what it says.
+//! The other end: asks the launcher of a run and reads its replies.
 
 use super::SOCKET;
 use super::protocol::{Reply, Request};
@@ -25,26 +25,26 @@ pub enum AskError {
         run: String,
         /// What can be done for it then.
         rescue: String,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// It listens, and then nothing.
     #[error("the launcher of run {run} did not answer: {source}; is it stopped?")]
     Silent {
         run: String,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// It left.
     #[error("run {run} ended before its launcher had answered")]
     Ended { run: String },
-    /// It speaks otherwise.
+    /// Its replies have another form.
     #[error(
         "the launcher of run {run} answers what this build does not understand: {source}; ask with the executable that flies"
     )]
     NotUnderstood {
         run: String,
-        /// What the parser says.
+        /// The parser's error.
         source: serde_json::Error,
     },
 }
@@ -67,7 +67,7 @@ impl Conversation {
         })?;
         let mut conversation = Self { run: run.id().to_owned(), reader: BufReader::new(stream) };
         match conversation.send(request) {
-            // It has hung up, and perhaps said why before, which is still there to be heard.
+            // It has hung up, and perhaps sent why before, which is still there to be read.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(conversation),
             Err(source) => Err(conversation.silent(source)),
             Ok(()) => Ok(conversation),
@@ -86,7 +86,7 @@ impl Conversation {
     /// Waits for the next reply.
     ///
     /// # Errors
-    /// The launcher says nothing, leaves, or says what is no reply.
+    /// The launcher sends nothing, leaves, or sends what is no reply.
     pub fn hear(&mut self) -> Result<Reply, AskError> {
         let mut line = Vec::new();
         let mut bounded = self.reader.by_ref().take(REPLY_BYTES);

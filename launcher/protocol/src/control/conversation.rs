@@ -44,7 +44,7 @@ enum State {
     Listening,
     /// For the launcher's answer; nothing more is read until it is there.
     Answering,
-    /// For the last words to leave.
+    /// For the last replies to leave.
     Closing,
     /// For nothing.
     Over,
@@ -58,8 +58,8 @@ pub(super) struct Conversation {
     state: State,
     inbox: Vec<u8>,
     outbox: Vec<u8>,
-    /// The client will say nothing more.
-    heard_all: bool,
+    /// The client will send nothing more.
+    at_eof: bool,
     /// When patience with this client ends; never while the launcher is the slow one \[ns\].
     deadline_ns: u64,
 }
@@ -73,7 +73,7 @@ impl Conversation {
             state: State::Listening,
             inbox: Vec::new(),
             outbox: Vec::new(),
-            heard_all: false,
+            at_eof: false,
             deadline_ns: now_ns + limits.patience_ns,
         }
     }
@@ -90,7 +90,7 @@ impl Conversation {
     /// What to wait for.
     pub(super) fn interest(&self) -> PollFlags {
         let mut interest = PollFlags::empty();
-        interest.set(PollFlags::IN, self.state == State::Listening && !self.heard_all);
+        interest.set(PollFlags::IN, self.state == State::Listening && !self.at_eof);
         interest.set(PollFlags::OUT, !self.outbox.is_empty());
         interest
     }
@@ -98,13 +98,13 @@ impl Conversation {
     /// Does what can be done now; a request if one is complete.
     pub(super) fn go_on(&mut self, happened: PollFlags, now_ns: u64) -> Option<Request> {
         if happened.intersects(PollFlags::IN | PollFlags::HUP) && self.state == State::Listening {
-            self.hear();
+            self.read();
         }
         let request = self.next_request(now_ns);
         if now_ns >= self.deadline_ns {
             self.check_timeouts(now_ns);
         }
-        self.speak(now_ns);
+        self.write(now_ns);
         // No client is left to answer; what was asked for happens all the same.
         if happened.intersects(PollFlags::HUP | PollFlags::ERR) {
             self.state = State::Over;
@@ -122,19 +122,19 @@ impl Conversation {
             self.state = State::Listening;
         }
         self.deadline_ns = now_ns + self.limits.patience_ns;
-        self.speak(now_ns);
+        self.write(now_ns);
     }
 
-    /// Says why this ends, and ends it.
+    /// Sends why this ends, and ends it.
     pub(super) fn refuse(&mut self, reason: Reason, text: impl Into<String>, now_ns: u64) {
         self.put(&Reply::Refused(Refusal::new(reason, text)));
         self.state = State::Closing;
         self.deadline_ns = now_ns + self.limits.patience_ns;
-        self.speak(now_ns);
+        self.write(now_ns);
     }
 
     fn put(&mut self, reply: &Reply) {
-        // Replies hold strings and numbers only, which JSON can say.
+        // Replies hold strings and numbers only, which JSON can hold.
         let _ = serde_json::to_writer(&mut self.outbox, reply);
         self.outbox.push(b'\n');
         if self.outbox.len() > self.limits.unread_bytes {
@@ -143,11 +143,11 @@ impl Conversation {
     }
 
     /// Reads what is there, up to a little more than a request may be.
-    fn hear(&mut self) {
+    fn read(&mut self) {
         let mut chunk = [0; 4096];
         while self.inbox.len() <= self.limits.request_bytes {
             match self.stream.read(&mut chunk) {
-                Ok(0) => self.heard_all = true,
+                Ok(0) => self.at_eof = true,
                 Ok(count) => {
                     self.inbox.extend_from_slice(&chunk[..count]);
                     continue;
@@ -173,8 +173,8 @@ impl Conversation {
             return None;
         }
         let Some(end) = end else {
-            if self.heard_all {
-                self.end_of_hearing(now_ns);
+            if self.at_eof {
+                self.end_of_input(now_ns);
             }
             return None;
         };
@@ -196,7 +196,7 @@ impl Conversation {
         }
     }
 
-    fn end_of_hearing(&mut self, now_ns: u64) {
+    fn end_of_input(&mut self, now_ns: u64) {
         if !self.inbox.is_empty() {
             let text = "the request has no end: close it with a line feed";
             self.refuse(Reason::BadRequest, text, now_ns);
@@ -215,13 +215,13 @@ impl Conversation {
             );
             self.refuse(Reason::BadRequest, text, now_ns);
         } else {
-            // It does not read, so there is no way to tell it.
+            // It does not read, so there is no way to notify it.
             self.state = State::Over;
         }
     }
 
     /// Writes what the client takes.
-    fn speak(&mut self, now_ns: u64) {
+    fn write(&mut self, now_ns: u64) {
         while !self.outbox.is_empty() {
             match self.stream.write(&self.outbox) {
                 Ok(count) => {

@@ -27,10 +27,10 @@ impl Load {
 
     /// From a line of `/proc/PID/stat`, read `up_s` after the machine was started.
     fn parse(stat: &str, up_s: f64, ticks_per_s: f64, page_bytes: u64) -> Option<Self> {
-        // The name before it may hold anything; the word after it is the third.
+        // The name before it may hold anything; the field after it is the third.
         let (_, rest) = stat.rsplit_once(')')?;
-        let words: Vec<&str> = rest.split_whitespace().collect();
-        let field = |number: usize| words.get(number - 3)?.parse::<u64>().ok();
+        let fields: Vec<&str> = rest.split_whitespace().collect();
+        let field = |number: usize| fields.get(number - 3)?.parse::<u64>().ok();
         let used_s = (field(14)? + field(15)?) as f64 / ticks_per_s;
         let alive_s = up_s - field(22)? as f64 / ticks_per_s;
         let cpu_percent = if alive_s > 0.0 { 100.0 * used_s / alive_s } else { 0.0 };

@@ -2,7 +2,7 @@
 //!
 //! One socket per run, `control.sock` in the run's folder, readable and writable by its user alone.
 //! A request is a line of JSON ([`Request`]), its answer one line or more ([`Reply`]), the last of
-//! which says so by its kind. [`server`] is the launcher's end, a thread that holds no part of the
+//! which is known by its kind. [`server`] is the launcher's end, a thread that holds no part of the
 //! flight; [`client`] is the other end; [`runs`] finds the run that is meant.
 
 pub mod client;

@@ -94,7 +94,7 @@ pub enum Reply {
     Progress(Progress),
     /// It was done as asked.
     Done(Done),
-    /// Pilot or injector have it, and do it from the instant that is told.
+    /// Pilot or injector have it, and do it from the instant that is named.
     Ordered(orders::OrderReport),
     /// No, or it came to nothing; the owner commands as before.
     Refused(Refusal),

@@ -43,7 +43,7 @@ impl Run {
         &self.folder
     }
 
-    /// What the scenario says of itself; none before it is there.
+    /// The scenario's description of itself; none before it is there.
     fn scenario(&self) -> Option<toml::Table> {
         let text = fs::read_to_string(self.folder.join("scenario.toml")).ok()?;
         let table: toml::Table = text.parse().ok()?;
@@ -201,15 +201,15 @@ mod tests {
     fn who_has_lost_the_launcher_is_told_what_can_be_done_on_which_clock() {
         let folder = tempfile::tempdir().unwrap();
         let run = Run::at("7f3a", folder.path());
-        let told = |scenario: &str| {
+        let rescue = |scenario: &str| {
             fs::write(folder.path().join("scenario.toml"), scenario).unwrap();
             run.rescue()
         };
         assert!(!run.rescue().contains("adopt"), "nothing is known of it yet");
-        assert!(told("[scenario]\nclock = \"realtime\"\n").contains("`morphquad adopt 7f3a`"));
+        assert!(rescue("[scenario]\nclock = \"realtime\"\n").contains("`morphquad adopt 7f3a`"));
         for lockstep in ["[scenario]\nclock = \"lockstep\"\n", "[scenario]\nseed = 1\n"] {
-            let told = told(lockstep);
-            assert!(told.contains("lockstep") && !told.contains("adopt"), "{told}");
+            let text = rescue(lockstep);
+            assert!(text.contains("lockstep") && !text.contains("adopt"), "{text}");
         }
     }
 

@@ -51,21 +51,21 @@ impl Answer {
     ///
     /// # Errors
     /// If the system has no descriptor left.
-    pub fn overheard() -> io::Result<(Self, impl FnMut() -> Vec<Reply>)> {
+    pub fn with_receiver() -> io::Result<(Self, impl FnMut() -> Vec<Reply>)> {
         let (letters, inbox) = channel();
         let bell = eventfd(0, EventfdFlags::NONBLOCK)?;
-        let heard = move || {
+        let received = move || {
             let letters = inbox.try_iter().filter_map(|letter| match letter {
                 Letter::Reply(_, reply) => Some(*reply),
                 Letter::Leave => None,
             });
             letters.collect()
         };
-        Ok((Self { client: 0, post: Post { letters, bell: Arc::new(bell) } }, heard))
+        Ok((Self { client: 0, post: Post { letters, bell: Arc::new(bell) } }, received))
     }
 }
 
-/// What the main loop tells the thread.
+/// What the main loop sends the thread.
 #[derive(Debug)]
 enum Letter {
     Reply(u64, Box<Reply>),
@@ -200,7 +200,7 @@ impl Acceptor {
         Ok((newcomers, happened.collect()))
     }
 
-    /// Hands out what the main loop says; false once it says to leave.
+    /// Hands out what the main loop sends; false once it orders to leave.
     fn deliver(&mut self) -> bool {
         // Read before the letters, so that none is left without a ring.
         let _ = rustix::io::read(&*self.post.bell, &mut [0; 8]);
@@ -233,7 +233,7 @@ impl Acceptor {
             let text = format!("{} others are asking: try again", self.clients.len());
             conversation.refuse(Reason::TooMany, text, now_ns);
         }
-        // A client that is not welcome has been told, as far as one write goes.
+        // A client that is not welcome has been refused, as far as one write goes.
         if !conversation.is_over() {
             self.clients.insert(self.next_client, conversation);
             self.next_client += 1;

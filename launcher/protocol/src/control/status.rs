@@ -86,16 +86,16 @@ impl ProcessState {
     }
 }
 
-/// A slot and who commands in it.
+/// A slot and which process commands in it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SlotStatus {
     /// `attitude` or `position`.
     pub slot: String,
     /// Epoch of the last owner record; 0 before the first.
     pub epoch: u64,
-    /// Whose commands count.
+    /// The process whose commands count.
     pub owner: Option<String>,
-    /// Who takes over when the owner falls silent, or trips.
+    /// The process that takes over when the owner falls silent, or trips.
     pub fallback: Option<String>,
     /// The owner came by a swap and is not proven: the monitor judges it.
     pub watched: bool,

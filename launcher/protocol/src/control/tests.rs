@@ -34,12 +34,12 @@ fn connect(folder: &Path) -> BufReader<UnixStream> {
     BufReader::new(stream)
 }
 
-fn say(client: &mut BufReader<UnixStream>, bytes: &[u8]) {
-    // A server that has heard enough hangs up in the middle of the rest.
+fn send(client: &mut BufReader<UnixStream>, bytes: &[u8]) {
+    // A server that has read enough hangs up in the middle of the rest.
     let _ = client.get_mut().write_all(bytes);
 }
 
-fn hear(client: &mut BufReader<UnixStream>) -> Option<Reply> {
+fn receive(client: &mut BufReader<UnixStream>) -> Option<Reply> {
     let mut line = String::new();
     // A client that has not been let in yet is reset when the server leaves.
     let _ = client.read_line(&mut line);
@@ -75,7 +75,7 @@ fn status(run: &str) -> Reply {
 
 /// The refusal that ends the conversation.
 fn last_refusal(client: &mut BufReader<UnixStream>) -> Refusal {
-    let Some(Reply::Refused(refusal)) = hear(client) else { panic!("no refusal") };
+    let Some(Reply::Refused(refusal)) = receive(client) else { panic!("no refusal") };
     // Whatever has not been read makes the end a reset instead of an end of file.
     let mut rest = Vec::new();
     let _ = client.read_to_end(&mut rest);
@@ -94,11 +94,11 @@ fn wait_until_hung_up(client: &BufReader<UnixStream>) {
 /// Asks and is answered, which shows that the server is well.
 fn assert_serves(folder: &Path, server: &ControlServer) {
     let mut client = connect(folder);
-    say(&mut client, b"{\"request\":\"ps\"}\n");
+    send(&mut client, b"{\"request\":\"ps\"}\n");
     let asked = asked(server);
     assert_eq!(asked.request, Request::Ps);
     asked.answer.send(status("well"));
-    assert_eq!(hear(&mut client), Some(status("well")));
+    assert_eq!(receive(&mut client), Some(status("well")));
 }
 
 #[test]
@@ -109,7 +109,7 @@ fn the_socket_is_its_users_alone_and_goes_with_the_server() {
     let mut waiting = connect(folder.path());
     drop(server);
     assert!(!path.exists());
-    assert_eq!(hear(&mut waiting), None);
+    assert_eq!(receive(&mut waiting), None);
 }
 
 #[test]
@@ -118,27 +118,27 @@ fn requests_of_one_client_are_answered_in_turn_and_of_several_in_any_order() {
     let mut first = connect(folder.path());
     let mut second = connect(folder.path());
     // Two lines at once: the second is not looked at before the first is answered.
-    say(&mut first, b"{\"request\":\"ps\"}\n{\"request\":\"ps\"}\n");
+    send(&mut first, b"{\"request\":\"ps\"}\n{\"request\":\"ps\"}\n");
     let of_first = asked(&server);
-    say(&mut second, b"{\"request\":\"ps\"}\n");
+    send(&mut second, b"{\"request\":\"ps\"}\n");
     let of_second = asked(&server);
     of_second.answer.send(status("second"));
-    assert_eq!(hear(&mut second), Some(status("second")));
+    assert_eq!(receive(&mut second), Some(status("second")));
     of_first.answer.send(status("first"));
-    assert_eq!(hear(&mut first), Some(status("first")));
+    assert_eq!(receive(&mut first), Some(status("first")));
     asked(&server).answer.send(status("again"));
-    assert_eq!(hear(&mut first), Some(status("again")));
+    assert_eq!(receive(&mut first), Some(status("again")));
 }
 
 #[test]
 fn a_client_that_says_all_it_has_to_and_closes_its_half_still_gets_its_answer() {
     let (folder, server) = server(Limits::default());
     let mut client = connect(folder.path());
-    say(&mut client, b"{\"request\":\"ps\"}\n");
+    send(&mut client, b"{\"request\":\"ps\"}\n");
     client.get_ref().shutdown(std::net::Shutdown::Write).unwrap();
     asked(&server).answer.send(status("late"));
-    assert_eq!(hear(&mut client), Some(status("late")));
-    assert_eq!(hear(&mut client), None);
+    assert_eq!(receive(&mut client), Some(status("late")));
+    assert_eq!(receive(&mut client), None);
 }
 
 #[test]
@@ -155,14 +155,14 @@ fn garbage_is_refused_with_what_is_wrong_and_the_next_client_is_served() {
     ];
     for bytes in garbage {
         let mut client = connect(folder.path());
-        say(&mut client, bytes);
+        send(&mut client, bytes);
         let refusal = last_refusal(&mut client);
         assert_eq!((refusal.reason, refusal.exit_code), (Reason::BadRequest, 2));
         assert!(refusal.text.contains("not a request"), "{refusal}");
         assert!(refusal.text.contains(r#"{"request":"ps"}"#), "{refusal}");
     }
     let mut client = connect(folder.path());
-    say(&mut client, b"{\"request\":\"ps\"}");
+    send(&mut client, b"{\"request\":\"ps\"}");
     client.get_ref().shutdown(std::net::Shutdown::Write).unwrap();
     assert!(last_refusal(&mut client).text.contains("line feed"));
     assert!(server.take().is_none());
@@ -181,16 +181,16 @@ fn a_request_beyond_the_bound_is_refused_however_it_comes() {
     let flood = vec![b'x'; 1_000_000];
     for tail in [&b""[..], b"\n", &flood] {
         let mut client = connect(folder.path());
-        say(&mut client, &padded(101));
-        say(&mut client, tail);
+        send(&mut client, &padded(101));
+        send(&mut client, tail);
         let refusal = last_refusal(&mut client);
         assert!(refusal.text.contains("at most 100 bytes"), "{refusal}");
     }
     let mut client = connect(folder.path());
-    say(&mut client, &padded(100));
-    say(&mut client, b"\n");
+    send(&mut client, &padded(100));
+    send(&mut client, b"\n");
     asked(&server).answer.send(status("just"));
-    assert_eq!(hear(&mut client), Some(status("just")));
+    assert_eq!(receive(&mut client), Some(status("just")));
 }
 
 #[test]
@@ -198,7 +198,7 @@ fn a_client_that_stalls_within_a_request_is_dropped_and_blocks_no_other() {
     let (folder, server) = server(impatient());
     let mut stalled = connect(folder.path());
     let mut silent = connect(folder.path());
-    say(&mut stalled, b"{\"requ");
+    send(&mut stalled, b"{\"requ");
     assert_serves(folder.path(), &server);
     for client in [&mut stalled, &mut silent] {
         let refusal = last_refusal(client);
@@ -211,11 +211,11 @@ fn a_client_that_stalls_within_a_request_is_dropped_and_blocks_no_other() {
 fn a_launcher_that_takes_its_time_exhausts_no_patience() {
     let (folder, server) = server(impatient());
     let mut client = connect(folder.path());
-    say(&mut client, b"{\"request\":\"ps\"}\n");
+    send(&mut client, b"{\"request\":\"ps\"}\n");
     let asked = asked(&server);
     sleep_until(mono_now_ns() + 2 * SHORT_NS);
     asked.answer.send(status("slow"));
-    assert_eq!(hear(&mut client), Some(status("slow")));
+    assert_eq!(receive(&mut client), Some(status("slow")));
 }
 
 #[test]
@@ -224,18 +224,18 @@ fn who_does_not_read_is_dropped_and_who_has_gone_is_forgotten() {
     let (folder, server) = server(limits);
     let mut deaf = connect(folder.path());
     let long = status(&"x".repeat(900_000));
-    say(&mut deaf, b"{\"request\":\"ps\"}\n");
+    send(&mut deaf, b"{\"request\":\"ps\"}\n");
     asked(&server).answer.send(long.clone());
     let mut gone = connect(folder.path());
-    say(&mut gone, b"{\"request\":\"ps\"}\n");
+    send(&mut gone, b"{\"request\":\"ps\"}\n");
     let to_gone = asked(&server).answer;
     drop(gone);
     to_gone.send(long);
     assert_serves(folder.path(), &server);
     wait_until_hung_up(&deaf);
-    let mut heard = Vec::new();
-    let _ = deaf.read_to_end(&mut heard);
-    assert!(!heard.is_empty() && heard.len() < 900_000, "{} bytes", heard.len());
+    let mut received = Vec::new();
+    let _ = deaf.read_to_end(&mut received);
+    assert!(!received.is_empty() && received.len() < 900_000, "{} bytes", received.len());
     assert_serves(folder.path(), &server);
 }
 

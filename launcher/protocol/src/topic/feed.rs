@@ -2,7 +2,7 @@
 //!
 //! The main loop packs a sample only if a client wants its topic, and puts it into a queue without ever
 //! waiting; the thread does the rest. A sample that finds the queue or a client's buffer full is dropped and counted;
-//! for what is told, which is little and comes once, there is room beyond.
+//! for events, which are few and come once, there is room beyond.
 
 use super::{SOCKET, known, place, schema};
 use record::{Clock, Event, encode_log};
@@ -23,12 +23,12 @@ use std::thread::{Builder, JoinHandle};
 
 /// Samples between the main loop and the thread.
 const QUEUE: usize = 16_384;
-/// What is told besides, between the same.
-const TOLD_QUEUE: usize = 1024;
+/// Events between the same.
+const EVENT_QUEUE: usize = 1024;
 /// Samples that one client has not read yet \[bytes\].
 const UNREAD_BYTES: usize = 4 << 20;
-/// What it was told besides \[bytes\].
-const TOLD_BYTES: usize = 1 << 20;
+/// Events that it has not read yet \[bytes\].
+const EVENT_BYTES: usize = 1 << 20;
 /// Longest request \[bytes\].
 const REQUEST_BYTES: usize = 16 << 10;
 /// Listeners at a time.
@@ -41,11 +41,11 @@ const PATIENCE_NS: u64 = 5_000_000_000;
 const LOOK_EVERY_NS: i64 = 10_000_000;
 /// In place of a topic: so many samples have been dropped.
 pub(super) const DROPPED: u16 = u16::MAX;
-/// In place of a topic: something was told, as a recording has it.
-pub(super) const TOLD: u16 = u16::MAX - 1;
+/// In place of a topic: an event, as a recording has it.
+pub(super) const LOG: u16 = u16::MAX - 1;
 /// In place of a topic: the flight is over, and how.
 pub(super) const ENDED: u16 = u16::MAX - 2;
-/// Among the topics that a client wants: what is told besides.
+/// Among the topics that a client wants: events.
 const EVENTS: u64 = 1 << 63;
 
 /// What a client asks for, as a line of JSON.
@@ -54,14 +54,14 @@ const EVENTS: u64 = 1 << 63;
 pub(super) struct Listen {
     /// Topics, each with the layout that the client knows, in hexadecimal.
     pub(super) listen: Vec<(String, String)>,
-    /// Whether to be told of events, and of the end.
+    /// Whether to be sent events, and the end.
     #[serde(default)]
     pub(super) events: bool,
 }
 
 /// The answer: which flight it is, or why not.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Heard {
+pub(super) struct Answer {
     pub(super) error: Option<String>,
     pub(super) flight: Option<Flying>,
 }
@@ -104,7 +104,7 @@ impl Flying {
 pub struct Ending {
     /// As planned, and no gate failed.
     pub is_good: bool,
-    /// In a few words.
+    /// In short.
     pub text: String,
 }
 
@@ -150,14 +150,14 @@ impl Feed {
         fs::set_permissions(&path, Permissions::from_mode(0o600))?;
         listener.set_nonblocking(true)?;
         let bell = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?);
-        let (frames, queue) = sync_channel(QUEUE + TOLD_QUEUE);
+        let (frames, queue) = sync_channel(QUEUE + EVENT_QUEUE);
         let shared = Arc::<Shared>::default();
         let acceptor = Acceptor {
             listener,
             bell: Arc::clone(&bell),
             queue,
             shared: Arc::clone(&shared),
-            told_dropped: 0,
+            counted_dropped: 0,
             clients: Vec::new(),
             flying,
         };
@@ -188,19 +188,19 @@ impl Feed {
         }
     }
 
-    /// Tells what happened, to each client that wants to know. Never waits.
-    pub fn tell(&self, event: &Event<'_>) {
+    /// Publishes an event to each client that wants events. Never waits.
+    pub fn publish(&self, event: &Event<'_>) {
         if self.shared.wanted.load(Ordering::Acquire) & EVENTS != 0 {
             let mut log = Vec::new();
             encode_log(event, self.flying.unix_ns(event.logical_ns), &mut log);
-            self.put(TOLD, log);
+            self.put(LOG, log);
         }
     }
 
-    /// Tells how the flight has ended; nothing comes after it. Waits for a place in the queue, which the
-    /// thread empties all the time: without its last word a listener would wait for another launcher.
+    /// Publishes how the flight has ended; nothing comes after it. Waits for a place in the queue, which the
+    /// thread empties all the time: without this message a listener would wait for another launcher.
     pub fn end(&self, ending: &Ending) {
-        // It holds a string and a flag, which JSON can say.
+        // It holds a string and a flag, which JSON can hold.
         let packed = serde_json::to_vec(ending).unwrap_or_default();
         let _ = self.frames.send(Frame { topic: ENDED, packed });
     }
@@ -243,7 +243,7 @@ struct Acceptor {
     bell: Arc<OwnedFd>,
     queue: Receiver<Frame>,
     shared: Arc<Shared>,
-    told_dropped: u64,
+    counted_dropped: u64,
     clients: Vec<Client>,
     flying: Flying,
 }
@@ -254,15 +254,15 @@ impl Acceptor {
             let leaves = self.shared.leave.load(Ordering::Acquire);
             self.hand_out();
             for client in &mut self.clients {
-                client.hear(self.flying);
+                client.read(self.flying);
             }
             // Before the answers: a client that has one gets every sample from then on.
-            self.tell_wanted();
+            self.store_wanted();
             for client in &mut self.clients {
-                client.speak();
+                client.write();
             }
             self.clients.retain(|client| !client.over);
-            self.tell_wanted();
+            self.store_wanted();
             if leaves {
                 self.flush();
                 return;
@@ -292,12 +292,12 @@ impl Acceptor {
             };
             let _ = poll(&mut fds, Some(&limit));
             for client in &mut self.clients {
-                client.speak();
+                client.write();
             }
         }
     }
 
-    fn tell_wanted(&self) {
+    fn store_wanted(&self) {
         let wanted = self.clients.iter().fold(0, |all, client| all | client.wanted);
         self.shared.wanted.store(wanted, Ordering::Release);
     }
@@ -364,7 +364,7 @@ impl Acceptor {
             }
         }
         let dropped = self.shared.dropped.load(Ordering::Relaxed);
-        let lost = dropped - core::mem::replace(&mut self.told_dropped, dropped);
+        let lost = dropped - core::mem::replace(&mut self.counted_dropped, dropped);
         for client in self.clients.iter_mut().filter(|client| client.wanted != 0) {
             client.dropped += lost;
         }
@@ -373,7 +373,7 @@ impl Acceptor {
 
 impl Client {
     fn put(&mut self, topic: u16, packed: &[u8]) {
-        let room = if topic == TOLD { UNREAD_BYTES + TOLD_BYTES } else { UNREAD_BYTES };
+        let room = if topic == LOG { UNREAD_BYTES + EVENT_BYTES } else { UNREAD_BYTES };
         let has_room = self.outbox.len() + packed.len() <= room;
         if !has_room && topic != ENDED {
             self.dropped += 1;
@@ -385,7 +385,7 @@ impl Client {
     }
 
     /// Reads the request; whatever comes after it, or an end, ends the conversation.
-    fn hear(&mut self, flying: Flying) {
+    fn read(&mut self, flying: Flying) {
         let mut chunk = [0; 4096];
         while !self.over {
             match self.stream.read(&mut chunk) {
@@ -415,26 +415,26 @@ impl Client {
         match asked.map_err(|error| format!("not a request: {error}")).and_then(|l| wanted(&l)) {
             Ok(wanted) => {
                 self.wanted = wanted;
-                self.say(&Heard { error: None, flight: Some(flying) });
+                self.reply(&Answer { error: None, flight: Some(flying) });
             }
             Err(error) => self.refuse(error),
         }
     }
 
-    fn say(&mut self, heard: &Heard) {
-        // It holds a string, which JSON can say.
-        let _ = serde_json::to_writer(&mut self.outbox, heard);
+    fn reply(&mut self, answer: &Answer) {
+        // It holds a string, which JSON can hold.
+        let _ = serde_json::to_writer(&mut self.outbox, answer);
         self.outbox.push(b'\n');
     }
 
     fn refuse(&mut self, error: String) {
-        self.say(&Heard { error: Some(error), flight: None });
-        self.speak();
+        self.reply(&Answer { error: Some(error), flight: None });
+        self.write();
         self.over = true;
     }
 
     /// Writes what the client takes.
-    fn speak(&mut self) {
+    fn write(&mut self) {
         if self.dropped > 0 && self.outbox.len() < UNREAD_BYTES / 2 {
             let dropped = core::mem::take(&mut self.dropped);
             self.put(DROPPED, &dropped.to_le_bytes());

@@ -35,7 +35,7 @@ pub fn at<'v>(fields: &'v Map<String, Value>, path: &str) -> Option<&'v Value> {
     found
 }
 
-/// Numbers and words of a value in a row, as people read them.
+/// Numbers and names of a value in a row, as people read them.
 #[must_use]
 pub fn in_a_row(value: &Value) -> String {
     let all = |values: &mut dyn Iterator<Item = &Value>| {
@@ -59,7 +59,7 @@ impl ToJson {
     }
 }
 
-/// JSON has no word for what is no number.
+/// JSON cannot express what is no number.
 fn number(value: f64) -> Value {
     if value.is_finite() { json!(value) } else { json!(value.to_string()) }
 }
@@ -69,7 +69,7 @@ fn code(kind: &EnumSchema, code: u64) -> Value {
     known.map_or_else(|| json!(code), |(name, _)| json!(name))
 }
 
-/// The word of a code of an enumeration, or the code itself if it has none.
+/// The name of a code of an enumeration, or the code itself if it has none.
 #[must_use]
 pub fn enum_text(kind: &EnumSchema, value: u64) -> String {
     plain(&code(kind, value))

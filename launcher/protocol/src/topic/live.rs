@@ -1,6 +1,6 @@
 //! The other end: listens to topics of a running flight.
 
-use super::feed::{DROPPED, ENDED, Ending, Flying, Heard, Listen, TOLD};
+use super::feed::{Answer, DROPPED, ENDED, Ending, Flying, LOG, Listen};
 use super::{SOCKET, schema};
 use crate::control::runs::Run;
 use core::time::Duration;
@@ -14,7 +14,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// The largest sample there is, with a margin \[bytes\].
 const LARGEST: usize = 1 << 20;
 
-/// Why nothing can be heard.
+/// Why nothing can be received.
 #[derive(Debug, Error)]
 pub enum ListenError {
     /// No launcher is there.
@@ -23,20 +23,20 @@ pub enum ListenError {
     )]
     Closed {
         run: String,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
-    /// It says no.
+    /// It refuses.
     #[error("{0}")]
     Refused(String),
-    /// It speaks otherwise.
+    /// Its answer has another form.
     #[error(
         "run {run} says what this build does not understand: ask with the executable that flies"
     )]
     NotUnderstood { run: String },
 }
 
-/// Something heard.
+/// Something received.
 #[derive(Debug, Clone)]
 pub enum Word {
     /// A packed sample.
@@ -64,7 +64,7 @@ pub struct Listening {
 }
 
 impl Listening {
-    /// Asks the launcher of `run` for topics, and perhaps for what is told in words.
+    /// Asks the launcher of `run` for topics, and perhaps for events.
     ///
     /// # Errors
     /// [`ListenError`].
@@ -82,17 +82,17 @@ impl Listening {
         let mut reader = BufReader::new(stream);
         let asked = reader.get_mut().write_all(&line);
         let mut answer = String::new();
-        // It may have hung up and said why before, which is still there to be heard.
-        let heard = reader.read_line(&mut answer);
+        // It may have hung up and sent why before, which is still there to be read.
+        let read = reader.read_line(&mut answer);
         if answer.is_empty() {
             asked.map_err(closed)?;
         }
-        heard.map_err(closed)?;
-        match serde_json::from_str::<Heard>(&answer) {
-            Ok(Heard { error: None, flight: Some(flying) }) => {
+        read.map_err(closed)?;
+        match serde_json::from_str::<Answer>(&answer) {
+            Ok(Answer { error: None, flight: Some(flying) }) => {
                 Ok(Self { run: run.id().to_owned(), reader, partial: Vec::new(), flying })
             }
-            Ok(Heard { error: Some(error), .. }) => Err(ListenError::Refused(error)),
+            Ok(Answer { error: Some(error), .. }) => Err(ListenError::Refused(error)),
             Ok(_) | Err(_) => Err(ListenError::NotUnderstood { run: run.id().to_owned() }),
         }
     }
@@ -114,7 +114,7 @@ impl Listening {
     /// Waits for the next thing, at most so long.
     ///
     /// # Errors
-    /// The launcher says what is no sample.
+    /// The launcher sends what is no sample.
     pub fn next(&mut self, patience: Duration) -> Result<Word, ListenError> {
         let not_understood = || ListenError::NotUnderstood { run: self.run.clone() };
         // A time of zero would be none at all.
@@ -141,7 +141,7 @@ impl Listening {
                 let count = packed.try_into().map(u64::from_le_bytes);
                 return count.map(Word::Dropped).map_err(|_| not_understood());
             }
-            TOLD => return Ok(Word::Told(packed)),
+            LOG => return Ok(Word::Told(packed)),
             ENDED => {
                 let ending = serde_json::from_slice(&packed);
                 return ending.map(Word::Ended).map_err(|_| not_understood());

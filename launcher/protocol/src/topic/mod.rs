@@ -1,8 +1,8 @@
 //! Topics looked at: of a running flight, without disturbing it, and of a recording.
 //!
 //! The launcher drains every topic anyway. [`feed`] lets others have a copy: a socket in the run's folder
-//! and a thread that owns it. No reader is added to a topic, so no writer has to know of it; who does not
-//! read fast enough loses samples, and is told how many. [`live`] is the other end, [`fields`] takes
+//! and a thread that owns it. No reader is added to a topic, so no writer has to know of it; a client that
+//! does not read fast enough loses samples, and is sent how many. [`live`] is the other end, [`fields`] takes
 //! samples apart, and [`tally`] counts them.
 
 pub mod feed;

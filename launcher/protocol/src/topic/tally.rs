@@ -22,7 +22,7 @@ pub struct Tally {
     writers: BTreeMap<u32, Writer>,
 }
 
-/// What a tally says of one writer.
+/// What a tally has of one writer.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Counted {
     /// Seat of the writer.
@@ -73,7 +73,7 @@ impl Tally {
         self.writers.values().map(|writer| writer.count).sum()
     }
 
-    /// What there is to say, by seat.
+    /// What it has counted, by seat.
     #[must_use]
     pub fn counted(&self) -> Vec<Counted> {
         self.writers.iter().map(|(seat, writer)| writer.counted(*seat)).collect()

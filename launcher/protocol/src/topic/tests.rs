@@ -64,8 +64,8 @@ fn who_listens_gets_the_topics_asked_for_in_order_and_nothing_else() {
     flight.feed.offer(&topics::TRUTH, &Truth::default());
     flight.feed.offer(&topics::IMU, &imu(3));
     assert_eq!([next(&mut one), next(&mut one)], [("imu", 2), ("imu", 3)]);
-    let heard = [next(&mut both), next(&mut both), next(&mut both)];
-    assert_eq!(heard, [("imu", 2), ("truth", 0), ("imu", 3)]);
+    let received = [next(&mut both), next(&mut both), next(&mut both)];
+    assert_eq!(received, [("imu", 2), ("truth", 0), ("imu", 3)]);
     assert!(matches!(one.next(MOMENT).unwrap(), Word::Nothing));
     drop(flight.feed);
     assert!(matches!(one.next(MOMENT).unwrap(), Word::Over));
@@ -95,8 +95,8 @@ fn a_slow_client_loses_samples_is_told_how_many_and_holds_up_no_other() {
 fn what_is_told_reaches_a_listener_that_has_lost_samples_by_then() {
     let flight = Flight::new();
     let mut slow = Listening::to_everything(&flight.run()).unwrap();
-    // More than socket, buffer and queue hold, told of something now and then.
-    let (rounds, mut told, mut dropped) = (60, 0, 0);
+    // More than socket, buffer and queue hold, with an event now and then.
+    let (rounds, mut events, mut dropped) = (60, 0, 0);
     // Longer than a sample, for which there may be room where there is none for it.
     let text = "gust ".repeat(200);
     for _ in 0..rounds {
@@ -104,14 +104,14 @@ fn what_is_told_reaches_a_listener_that_has_lost_samples_by_then() {
             flight.feed.offer(&topics::IMU, &imu(sequence));
         }
         let (severity, source, text) = (Severity::Warning, "s", text.as_str());
-        flight.feed.tell(&Event { logical_ns: 1, severity, source, text });
+        flight.feed.publish(&Event { logical_ns: 1, severity, source, text });
     }
-    while told < rounds || dropped == 0 {
+    while events < rounds || dropped == 0 {
         match slow.next(Duration::from_secs(5)).unwrap() {
-            Word::Told(_) => told += 1,
+            Word::Told(_) => events += 1,
             Word::Dropped(count) => dropped += count,
             Word::Sample(..) => {}
-            word => panic!("{word:?} after {told} of {rounds} and {dropped} dropped"),
+            word => panic!("{word:?} after {events} of {rounds} and {dropped} dropped"),
         }
     }
 }
@@ -127,13 +127,13 @@ fn the_end_reaches_a_listener_that_is_far_behind_when_the_flight_is_over() {
     let ending = Ending { is_good: true, text: "flown".to_owned() };
     flight.feed.end(&ending);
     let closing = std::thread::spawn(move || drop(flight));
-    let told = loop {
+    let last = loop {
         match slow.next(Duration::from_secs(5)).unwrap() {
             Word::Sample(..) | Word::Dropped(_) => {}
             word => break word,
         }
     };
-    assert!(matches!(&told, Word::Ended(told) if *told == ending), "{told:?}");
+    assert!(matches!(&last, Word::Ended(ended) if *ended == ending), "{last:?}");
     closing.join().unwrap();
 }
 
@@ -152,9 +152,9 @@ fn flood_without_end(flight: &Flight) {
 #[test]
 fn strangers_are_refused_in_words_and_cost_nothing() {
     let flight = Flight::new();
-    let say = |text: &[u8]| {
+    let send = |text: &[u8]| {
         let mut stream = UnixStream::connect(flight.folder.path().join(SOCKET)).unwrap();
-        // A client without a place is answered before it has said anything, and hung up on.
+        // A client without a place is answered before it has sent anything, and hung up on.
         let _ = stream.write_all(text);
         let mut answer = String::new();
         BufReader::new(&stream).read_line(&mut answer).unwrap();
@@ -162,18 +162,18 @@ fn strangers_are_refused_in_words_and_cost_nothing() {
         let _ = stream.read_to_end(&mut rest);
         answer
     };
-    assert!(say(b"hello\n").contains("not a request"));
-    assert!(say(b"{\"listen\":[]}\n").contains("no topic"));
-    assert!(say(b"{\"listen\":[[\"imus\",\"0\"]]}\n").contains("no topic imus"));
-    assert!(say(b"{\"listen\":[[\"imu\",\"0\"]]}\n").contains("laid out otherwise"));
-    assert!(say(&vec![b'x'; 20_000]).contains("at most"));
+    assert!(send(b"hello\n").contains("not a request"));
+    assert!(send(b"{\"listen\":[]}\n").contains("no topic"));
+    assert!(send(b"{\"listen\":[[\"imus\",\"0\"]]}\n").contains("no topic imus"));
+    assert!(send(b"{\"listen\":[[\"imu\",\"0\"]]}\n").contains("laid out otherwise"));
+    assert!(send(&vec![b'x'; 20_000]).contains("at most"));
     flood_without_end(&flight);
-    // A place for each of those who say nothing, and none for long.
+    // A place for each of those that send nothing, and none for long.
     let connect = || UnixStream::connect(flight.folder.path().join(SOCKET)).unwrap();
     let silent: Vec<_> = (0..8).map(|_| connect()).collect();
-    assert!(say(b"{\"listen\":[]}\n").contains("others are listening"));
+    assert!(send(b"{\"listen\":[]}\n").contains("others are listening"));
     let give_up_ns = mono_now_ns() + 60_000_000_000;
-    while say(b"{\"listen\":[]}\n").contains("others are listening") {
+    while send(b"{\"listen\":[]}\n").contains("others are listening") {
         assert!(mono_now_ns() < give_up_ns, "the silent keep all places");
     }
     drop(silent);
@@ -207,19 +207,19 @@ fn what_is_told_and_the_end_come_only_to_clients_that_want_everything() {
     assert_eq!((all.flying(), some.flying()), (flying, flying));
     let event =
         Event { logical_ns: 2_000_000_000, severity: Severity::Warning, source: "s", text: "gust" };
-    feed.tell(&event);
+    feed.publish(&event);
     feed.offer(&topics::IMU, &imu(1));
     let ending = Ending { is_good: true, text: "flown".to_owned() };
     feed.end(&ending);
-    let mut words = Vec::new();
-    while words.len() < 3 {
+    let mut received = Vec::new();
+    while received.len() < 3 {
         match all.next(MOMENT).unwrap() {
             Word::Nothing => {}
-            word => words.push(word),
+            word => received.push(word),
         }
     }
-    let [Word::Told(log), Word::Sample(topic, _), Word::Ended(ended)] = &words[..] else {
-        panic!("{words:?}");
+    let [Word::Told(log), Word::Sample(topic, _), Word::Ended(ended)] = &received[..] else {
+        panic!("{received:?}");
     };
     assert_eq!((topic.name, ended), ("imu", &ending));
     // At half speed, two seconds of flight are four on the wall.

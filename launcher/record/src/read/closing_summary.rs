@@ -25,7 +25,7 @@ pub(super) fn closing_summary(path: &Path) -> Option<BTreeMap<String, String>> {
         .map(|found| found.metadata)
 }
 
-/// The section behind the data, which says where in the file what is.
+/// The section behind the data, which lists where in the file what is.
 fn end(file: &mut File, length: u64) -> McapResult<Option<Summary>> {
     let options = SummaryReaderOptions::default()
         .with_file_size(length)

@@ -12,7 +12,7 @@ pub enum ReadError {
     System {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         cause: std::io::Error,
     },
     /// Nothing in it.
@@ -137,7 +137,7 @@ pub struct LayoutChange {
     pub ours: String,
     /// Version of the recording build.
     pub recorder: String,
-    /// What differs, as far as the file tells.
+    /// What differs, as far as the file shows.
     pub detail: String,
 }
 

@@ -112,8 +112,8 @@ mod tests {
 
     type Channels = BTreeMap<String, Channel>;
 
-    /// The channels of this build, changed, and what is said about them.
-    fn told_of(change: impl Fn(&mut Channels)) -> String {
+    /// The channels of this build, changed, and what is reported about them.
+    fn report_of(change: impl Fn(&mut Channels)) -> String {
         let mut schemas = Schemas(BTreeMap::new());
         let Ok(()) = visit_all(&mut schemas);
         let ours = schemas.0.into_iter().map(|(topic, schema)| {
@@ -136,38 +136,38 @@ mod tests {
 
     #[test]
     fn the_own_types_agree_and_a_changed_one_is_named_with_both_hashes() {
-        assert_eq!(told_of(|_| {}), "agrees");
-        let told = told_of(|channels| {
+        assert_eq!(report_of(|_| {}), "agrees");
+        let report = report_of(|channels| {
             with_another_hash(channels);
         });
         let ours = format!("{:016x}", WRENCH_COMMAND.schema().layout_hash);
         let parts = ["old.mcap", "type WrenchCommand", "morphquad 0.0.1", "deadbeef", &ours];
-        assert!(parts.iter().all(|part| told.contains(part)), "{told}");
+        assert!(parts.iter().all(|part| report.contains(part)), "{report}");
     }
 
     #[test]
     fn if_a_nested_type_has_changed_it_is_the_one_named() {
-        let told = told_of(|channels| {
+        let report = report_of(|channels| {
             let channel = with_another_hash(channels);
             let mut set = FileDescriptorSet::decode(channel.descriptors.as_slice()).unwrap();
             let header = set.file[0].message_type.iter_mut().find(|m| m.name() == "Header");
             header.unwrap().field.retain(|field| field.name() != "cause_sequence");
             channel.descriptors = set.encode_to_vec();
         });
-        assert!(told.contains("type Header of topic /wrench_command changed"), "{told}");
-        assert!(told.contains("cause_sequence Uint64 is new"), "{told}");
+        assert!(report.contains("type Header of topic /wrench_command changed"), "{report}");
+        assert!(report.contains("cause_sequence Uint64 is new"), "{report}");
     }
 
     #[test]
     fn a_topic_that_only_one_side_has_is_named_with_its_type() {
-        let told = told_of(|channels| drop(channels.remove("/loop_stats")));
-        assert!(told.contains("/loop_stats of type LoopStats is not in the file"), "{told}");
-        let told = told_of(|channels| {
+        let report = report_of(|channels| drop(channels.remove("/loop_stats")));
+        assert!(report.contains("/loop_stats of type LoopStats is not in the file"), "{report}");
+        let report = report_of(|channels| {
             let (type_name, metadata) =
                 ("morphquad.v1.Fuel".to_owned(), channels["/imu"].metadata.clone());
             let channel = Channel { type_name, metadata, ..Channel::default() };
             channels.insert("/fuel".to_owned(), channel);
         });
-        assert!(told.contains("/fuel of type Fuel is unknown to this build"), "{told}");
+        assert!(report.contains("/fuel of type Fuel is unknown to this build"), "{report}");
     }
 }

@@ -173,14 +173,14 @@ impl RecordedFlight {
         }
     }
 
-    /// What the launcher said of the flight at the end of the file, as in [`Closing::summary`], without a look at the
-    /// samples; none of a file that is cut, or damaged at its end.
+    /// What the launcher wrote about the flight at the end of the file, as in [`Closing::summary`], without a look at
+    /// the samples; none of a file that is cut, or damaged at its end.
     #[must_use]
     pub fn closing_summary(&self) -> Option<BTreeMap<String, String>> {
         closing_summary::closing_summary(&self.path)
     }
 
-    /// Streams the file once, in the order recorded, and tells how it ends.
+    /// Streams the file once, in the order recorded, and returns how it ends.
     ///
     /// # Errors
     /// [`ReadError`] where the file is damaged, or a state is not of this build.

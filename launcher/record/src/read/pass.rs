@@ -27,14 +27,14 @@ pub struct RecordedState {
     pub bytes: Vec<u8>,
 }
 
-/// Something that was told in words.
+/// An event, as text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordedEvent {
     /// Unix time \[ns\].
     pub stamp_ns: u64,
     /// Number of the severity, from 1 (debug) to 5 (fatal).
     pub level: u64,
-    /// Who told it.
+    /// Its source.
     pub source: String,
     /// What.
     pub text: String,

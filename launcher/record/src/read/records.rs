@@ -1,7 +1,7 @@
 //! The records of one file in order, a chunk at a time, each checked before it is shown.
 
 use super::ReadError;
-use crate::error::words;
+use crate::error::cause_text;
 use core::ops::ControlFlow;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -83,7 +83,7 @@ impl Records {
     /// out with something behind them.
     ///
     /// # Errors
-    /// What `show` says, or the damage behind which nothing could be read.
+    /// The error of `show`, or the damage behind which nothing could be read.
     pub(super) fn around_damage(
         self,
         left_out: &mut u64,
@@ -129,13 +129,13 @@ impl Records {
             Err(Trouble::Damage(McapError::UnexpectedEof)) if !self.finished => Ok(Ending::Cut),
             Err(Trouble::Damage(cause)) => Err(damaged(self.path, (at, self.length), &cause)),
             Err(Trouble::System(cause)) => Err(ReadError::system(&self.path)(cause)),
-            Err(Trouble::Told(error)) => Err(error),
+            Err(Trouble::Visitor(error)) => Err(error),
         }
     }
 }
 
 fn damaged(path: PathBuf, (at, length): (u64, u64), cause: &McapError) -> ReadError {
-    ReadError::Damaged { path, at, length, what: words(cause) }
+    ReadError::Damaged { path, at, length, what: cause_text(cause) }
 }
 
 /// How chunks and records are read wherever they come from.
@@ -150,8 +150,8 @@ enum Trouble {
     /// Bytes that are not as they were written.
     Damage(McapError),
     System(io::Error),
-    /// What the visitor says that is shown the records.
-    Told(ReadError),
+    /// The error of the visitor that is shown the records.
+    Visitor(ReadError),
 }
 
 impl From<McapError> for Trouble {
@@ -162,7 +162,7 @@ impl From<McapError> for Trouble {
 
 impl From<ReadError> for Trouble {
     fn from(error: ReadError) -> Self {
-        Self::Told(error)
+        Self::Visitor(error)
     }
 }
 

@@ -16,7 +16,7 @@ use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Name of the metadata that tells of a recovery; such a file counts as cut.
+/// Name of the metadata that marks a recovery; such a file counts as cut.
 pub(super) const RECOVERED: &str = "recovered";
 /// Name of the metadata that counts every sequence.
 const AUDIT: &str = "audit";
@@ -71,11 +71,11 @@ pub struct Damage {
     pub left_out: u64,
     /// The damage behind which nothing could, if there is one.
     pub end: Option<String>,
-    /// Messages left out because nothing says any more what they are.
+    /// Messages left out because nothing shows any more what they are.
     pub unknown: u64,
 }
 
-/// What the system says, where it says something.
+/// The system's error, where there is one.
 fn what_of(cause: &McapError) -> &dyn core::fmt::Display {
     if let McapError::Io(cause) = cause { cause } else { cause }
 }
@@ -93,7 +93,7 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
     })?;
     let recovered = copy(from, damage, file, &write);
     if recovered.is_err() {
-        // What made it fail is told; that the remains stay would be the lesser evil.
+        // What made it fail is reported; that the remains stay would be the lesser evil.
         let _ = std::fs::remove_file(to);
     }
     recovered
@@ -132,8 +132,8 @@ fn look_through(from: &Path) -> Result<Option<ReadError>, RecoverError> {
     }
 }
 
-/// Damage without a remedy, which has been found.
-fn told(error: &ReadError) -> String {
+/// Describes damage without a remedy, which has been found.
+fn describe(error: &ReadError) -> String {
     match error {
         ReadError::Damaged { at, length, what, .. } => {
             format!("damaged near byte {at} of {length}: {what}")
@@ -157,7 +157,7 @@ fn copy(
     let mut copy = Copy::of(writer);
     let (mut failure, mut left_out) = (None, 0);
     if damage.is_some() {
-        // Where it ends is told of the pass below.
+        // The pass below reports where it ends.
         let _ = Records::open(from)?.around_damage(&mut 0, |record| {
             copy.learn(record);
             Ok(())
@@ -173,14 +173,14 @@ fn copy(
         return Err(write(cause));
     }
     let end = match read {
-        Err(error @ ReadError::Damaged { .. }) => Some(told(&error)),
+        Err(error @ ReadError::Damaged { .. }) => Some(describe(&error)),
         read => read.map(|_| None)?,
     };
     if let Some(error) = damage {
         if !copy.is_ours || copy.recovered.messages == 0 {
             return Err(error.into());
         }
-        let (first, unknown) = (told(&error), copy.unknown);
+        let (first, unknown) = (describe(&error), copy.unknown);
         copy.recovered.damage = Some(Damage { first, left_out, end, unknown });
     }
     copy.finish(from).map_err(write)
@@ -200,7 +200,7 @@ struct Copy {
     /// New by old.
     schemas: BTreeMap<u16, u16>,
     channels: BTreeMap<u16, Channel>,
-    /// What the old file says of them anywhere: a damaged chunk's channels stand once more at its end.
+    /// What the old file has about them anywhere: a damaged chunk's channels stand once more at its end.
     elsewhere: BTreeMap<(u8, u16), Record<'static>>,
     audit: SequenceAudit,
     recovered: Recovered,
@@ -222,7 +222,7 @@ impl Copy {
         }
     }
 
-    /// Remembers what the old file says of a channel or its type.
+    /// Remembers what the old file has about a channel or its type.
     fn learn(&mut self, record: Record<'_>) {
         let id = match &record {
             Record::Schema { header, .. } => header.id,

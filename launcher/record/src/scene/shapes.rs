@@ -1,4 +1,4 @@
-//! Shapes: the vehicle in its frames, arrows, paths. Colours can be told apart by colour-blind people.
+//! Shapes: the vehicle in its frames, arrows, paths. Colours can be distinguished by colour-blind people.
 
 use super::frames::{ARMS, FOREARMS, LEVEL, ROTORS, VEHICLE, WORLD, vector};
 use super::linkage::{Fold, Linkage};

@@ -76,7 +76,7 @@ impl Visitor for Compare<'_> {
     }
 }
 
-/// Panics at the first difference; else tells how many numbers agree.
+/// Panics at the first difference; else returns how many numbers agree.
 fn compare<T: Wire>(value: &T, read: &DynamicMessage) -> usize {
     assert_eq!(read.unknown_fields().count(), 0, "numbers outside the schema");
     let mut compare = Compare { read, elements_seen: BTreeMap::new(), compared: 0 };

@@ -127,7 +127,7 @@ fn in_realtime_a_sample_is_stamped_with_host_time_of_its_publication()
     let path = folder.path().join("flight.mcap");
     let mut recording = Recording::create(&path, &facts(Clock::Realtime { speed: 2.0 }))?;
     recording.set_start(10_000);
-    // The third carries no stamp, as the launcher's own words do not.
+    // The third carries no stamp, as the launcher's own samples do not.
     for (sequence, publish_mono_ns, receipt_mono_ns) in
         [(1, 10_500, 10_900), (2, 11_500, 11_000), (3, 0, 12_000)]
     {

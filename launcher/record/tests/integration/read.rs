@@ -143,8 +143,8 @@ fn a_file_cut_anywhere_reads_up_to_the_cut_or_says_what_its_head_lacks() -> Outc
         match RecordedFlight::open(&cut) {
             Err(error @ ReadError::CutHead { .. }) => {
                 heads += 1;
-                let told = error.to_string();
-                assert!(told.contains("cut.mcap") && told.contains(&length.to_string()), "{told}");
+                let text = error.to_string();
+                assert!(text.contains("cut.mcap") && text.contains(&length.to_string()), "{text}");
                 assert_eq!(most, 0, "the head comes first");
             }
             Err(error) => return Err(error.into()),
@@ -217,7 +217,7 @@ fn around_a_damaged_chunk_everything_else_is_recovered_and_the_hole_is_told() ->
     let chunks = &summary.chunk_indexes;
     assert!(chunks.len() > 3, "{}", chunks.len());
     let total = summary.stats.as_ref().ok_or("no statistics")?.message_count;
-    // The first tells what the channels are, which only the end of the file tells once more.
+    // The first defines the channels, which only the end of the file defines once more.
     for chunk in [&chunks[0], &chunks[chunks.len() / 2]] {
         let held = summary.stream_chunk(&whole, chunk)?.count() as u64;
         let middle = usize::try_from(chunk.chunk_start_offset + chunk.chunk_length / 2)?;
@@ -233,8 +233,8 @@ fn around_a_damaged_chunk_everything_else_is_recovered_and_the_hole_is_told() ->
         let mut seen = Everything::default();
         let closing = RecordedFlight::open(&new)?.visit(&mut seen)?;
         assert!(!closing.complete && held > 0);
-        let told = seen.imu.len() + seen.states.len() + seen.events.len();
-        assert_eq!(told as u64, total - held);
+        let count = seen.imu.len() + seen.states.len() + seen.events.len();
+        assert_eq!(count as u64, total - held);
         let before_it = chunk.chunk_start_offset > chunks[0].chunk_start_offset;
         assert!(recovered.gaps == held || !before_it, "{} of {held}", recovered.gaps);
         let refused = closing.require_no_holes(&new).err().ok_or("flown again")?.to_string();
@@ -281,7 +281,7 @@ fn a_changed_byte_is_found_wherever_it_is() -> Outcome {
         let read = RecordedFlight::open(&bad).and_then(|flight| flight.visit(&mut seen));
         match read {
             Err(error) => assert!(error.to_string().contains("bad.mcap"), "{error}"),
-            // With its last bytes changed the file looks cut, and is told to be.
+            // With its last bytes changed the file looks cut, and is reported as such.
             Ok(closing) => assert!(!closing.complete && at + 8 >= whole.len(), "byte {at}"),
         }
     }
@@ -292,20 +292,20 @@ fn a_changed_byte_is_found_wherever_it_is() -> Outcome {
 fn what_is_no_recording_is_refused_by_name() -> Outcome {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("strange");
-    let told = |path: &Path| {
+    let refusal = |path: &Path| {
         RecordedFlight::open(path).map_or_else(|error| error.to_string(), |_| "opened".to_owned())
     };
-    assert!(told(&path).contains("cannot read"), "{}", told(&path));
-    assert!(told(folder.path()).contains("is not a file"), "{}", told(folder.path()));
+    assert!(refusal(&path).contains("cannot read"), "{}", refusal(&path));
+    assert!(refusal(folder.path()).contains("is not a file"), "{}", refusal(folder.path()));
     fs::write(&path, "")?;
-    assert!(told(&path).contains("is empty"), "{}", told(&path));
+    assert!(refusal(&path).contains("is empty"), "{}", refusal(&path));
     fs::write(&path, "seed = 7\n")?;
-    assert!(told(&path).contains("does not begin like an MCAP file"), "{}", told(&path));
+    assert!(refusal(&path).contains("does not begin like an MCAP file"), "{}", refusal(&path));
     let mut writer = Writer::new(fs::File::create(&path)?)?;
     let schema = writer.add_schema("Pose", "jsonschema", b"{}")?;
     writer.add_channel(schema, "/events", "json", &BTreeMap::new())?;
     writer.finish()?;
-    assert!(told(&path).contains("metadata `run` is missing"), "{}", told(&path));
+    assert!(refusal(&path).contains("metadata `run` is missing"), "{}", refusal(&path));
     Ok(())
 }
 
@@ -315,9 +315,9 @@ fn a_state_of_another_build_is_refused_and_its_type_is_named() -> Outcome {
     let path = folder.path().join("state.mcap");
     record(&path, 3, 0xdead)?;
     let error = RecordedFlight::open(&path)?.states(Role::Attitude).err().ok_or("was read")?;
-    let (told, ours) = (error.to_string(), format!("{:016x}", layout_of(Role::Attitude)?));
+    let (text, ours) = (error.to_string(), format!("{:016x}", layout_of(Role::Attitude)?));
     for part in ["state.mcap", "/state/attitude", "ComponentMemory", "000000000000dead", &ours] {
-        assert!(told.contains(part), "{told}");
+        assert!(text.contains(part), "{text}");
     }
     Ok(())
 }

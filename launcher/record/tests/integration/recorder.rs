@@ -142,9 +142,9 @@ fn a_full_disk_is_told_once_in_flight_and_again_at_the_end() {
         errors.extend(recorder.flush_if_due(sequence * 1_000_000).err());
     }
     assert_eq!(errors.len(), 1, "{errors:?}");
-    let told = errors[0].to_string();
+    let text = errors[0].to_string();
     for part in [FILE, "no storage space", "free space or use --record DIR"] {
-        assert!(told.contains(part), "{told}");
+        assert!(text.contains(part), "{text}");
     }
     let end = recorder.finish(&BTreeMap::new()).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(end.contains("incomplete") && end.contains("no storage space"), "{end}");
@@ -207,8 +207,11 @@ fn what_a_full_disk_is_said_to_hold_is_short_by_fifty_milliseconds_at_most() {
         else {
             panic!("{room} bytes are not enough");
         };
-        let (told, left) = (until_ns / 1_000_000, readable(&content).len() as u64);
-        assert!(told > 0 && told <= left && told + FLUSHED_WITHIN >= left, "{told} of {left}");
+        let (until_ms, left) = (until_ns / 1_000_000, readable(&content).len() as u64);
+        assert!(
+            until_ms > 0 && until_ms <= left && until_ms + FLUSHED_WITHIN >= left,
+            "{until_ms} of {left}"
+        );
     }
 }
 
@@ -238,7 +241,7 @@ fn a_writer_that_stops_is_told_once_in_flight_and_again_at_the_end() {
     }
     assert_eq!(errors.len(), 1, "{errors:?}");
     let end = recorder.finish(&BTreeMap::new()).err();
-    for told in errors.into_iter().chain(end) {
-        assert!(told.to_string().contains("its writer has stopped"), "{told}");
+    for error in errors.into_iter().chain(end) {
+        assert!(error.to_string().contains("its writer has stopped"), "{error}");
     }
 }

@@ -1,4 +1,4 @@
-//! What viewers are told, taken apart again with descriptors alone.
+//! What viewers receive, taken apart again with descriptors alone.
 
 use core::f64::consts::FRAC_PI_2;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};

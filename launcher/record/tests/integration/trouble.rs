@@ -76,9 +76,9 @@ fn a_full_disk_is_told_once_and_again_at_the_end_and_leaves_a_readable_prefix()
         }
     }
     assert_eq!(errors.len(), 1);
-    let told = errors[0].to_string();
+    let text = errors[0].to_string();
     for part in ["dir/flight.mcap", "no storage space", "free space or use --record DIR"] {
-        assert!(told.contains(part), "{told}");
+        assert!(text.contains(part), "{text}");
     }
     let at_failure = disk.content();
     let end = recording.finish(&BTreeMap::new()).err().map(|e| e.to_string()).unwrap_or_default();

@@ -89,7 +89,7 @@ impl InputVisitor for Feed<'_> {
     ) -> Result<(), Infallible> {
         let edge = self.graph.edge(&topic.info, self.role).copied();
         let from = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role)).from;
-        // Who does not step, the supervisor, produces nothing any more.
+        // What does not step, the supervisor, produces nothing any more.
         let before_ns = if from.is_stepping() {
             self.at_ns.min(self.marks.of_role(from))
         } else {

@@ -42,7 +42,7 @@ pub struct Compare {
     again: Tape,
 }
 
-/// What a comparison says.
+/// What a comparison has found.
 #[derive(Debug, Default)]
 pub struct Likeness {
     /// Samples that are the same.

@@ -203,7 +203,7 @@ impl Director {
         &mut self.host.exits
     }
 
-    /// Those whose seat is no longer theirs leave in order.
+    /// Loops that no longer own their seat leave in order.
     pub(super) fn retire(&mut self, loops: &mut Vec<Loop>, marks: &mut FlightMarks) -> bool {
         let over = |l: &Loop| l.flies() && l.stepper.next_ns() >= l.leave_ns;
         let Some(at) = loops.iter().position(over) else { return false };

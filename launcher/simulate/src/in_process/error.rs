@@ -10,9 +10,9 @@ pub enum InProcessError {
     /// A process that cannot be given a place in the flight.
     #[error("{name} cannot fly as a process of its own: {error}")]
     Outside {
-        /// Who was to take over.
+        /// The program that was to take over.
         name: String,
-        /// What the system or the transport said.
+        /// The error of the system or the transport.
         error: String,
     },
     /// A fault of a process that no other can stand in for.
@@ -21,10 +21,10 @@ pub enum InProcessError {
          away, or fly with processes"
     )]
     NoSlot {
-        /// Whose fault it was to be.
+        /// The process that was to fail.
         name: String,
     },
-    /// A slot cannot be given to whom it was to be given.
+    /// A slot cannot be given to the process that was to have it.
     #[error("{0}")]
     Slots(String),
     /// The loops cannot be wired.
@@ -59,13 +59,13 @@ pub enum InProcessError {
         role: &'static str,
     },
     /// A step panicked, which is a defect of its component.
-    #[error("{role} panicked at {t_s} s: {words}")]
+    #[error("{role} panicked at {t_s} s: {message}")]
     Panicked {
         /// Label of the role.
         role: &'static str,
         /// Release of the step \[s\].
         t_s: f64,
-        /// What it said.
-        words: String,
+        /// Its message.
+        message: String,
     },
 }

@@ -31,15 +31,15 @@ pub struct Kernel {
     pub(super) graph: Graph,
     pub(super) loops: Vec<Loop>,
     pub(super) marks: FlightMarks,
-    /// Who changes the hands of slots, if they change.
+    /// Changes the owners of slots, if they change.
     director: Option<Box<Director>>,
     end_ns: u64,
-    /// The time that loops and samples take, if a script says so.
+    /// The time that loops and samples take, if a script sets it.
     timed: Option<Box<TimedClock>>,
     now_mono_ns: fn() -> u64,
     /// The loop that is being stepped.
     stepping: usize,
-    /// How far every loop has got, told to processes; kept for its room.
+    /// How far every loop has got, published to processes; kept for its room.
     instances: Vec<InstanceMark>,
 }
 
@@ -86,7 +86,7 @@ impl Kernel {
             loops.push(connect.connect(component)?);
         }
         for slot in Slot::ALL {
-            // Otherwise the slot's own machine says who begins.
+            // Otherwise the slot's own machine decides which process begins.
             let by_director = scripted && graph.node(slot.role()).is_some();
             if from.is_none() && !by_director {
                 wires.own(&graph, slot);
@@ -137,8 +137,8 @@ impl Kernel {
         if let Err(panic) = flown {
             let l = &self.loops[self.stepping];
             let t_s = l.stepper.next_ns() as f64 / 1e9;
-            let words = words(panic.as_ref());
-            return Err(InProcessError::Panicked { role: l.node.role.label(), t_s, words });
+            let message = panic_message(panic.as_ref());
+            return Err(InProcessError::Panicked { role: l.node.role.label(), t_s, message });
         }
         if self.timed.is_some() {
             // A loop that is late is behind for a reason.
@@ -185,7 +185,7 @@ impl Kernel {
         moved
     }
 
-    /// Lets those leave who have to, and does what is due in the slots once all that is allowed has been
+    /// Lets those leave that have to, and does what is due in the slots once all that is allowed has been
     /// flown; false if nothing comes of it. What is due at `t_ns` itself is left to the caller that flies on.
     fn direct(&mut self, t_ns: u64) -> Result<bool, InProcessError> {
         let Some(director) = &mut self.director else { return Ok(false) };
@@ -199,7 +199,7 @@ impl Kernel {
             return Ok(false);
         }
         let more = director.go_on(&self.graph, &mut self.loops, &mut self.marks, self.end_ns)?;
-        // Time waits for a loop that has just been told to leave.
+        // Time waits for a loop that has just been ordered to leave.
         if more || director.retire(&mut self.loops, &mut self.marks) {
             return Ok(true);
         }
@@ -297,8 +297,8 @@ impl Kernel {
     }
 }
 
-/// What a panic said.
-fn words(panic: &(dyn Any + Send)) -> String {
+/// The message of a panic.
+fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default()
 }

@@ -93,7 +93,7 @@ pub(super) struct Loop {
     /// Name of the service; of a process nothing needs it.
     pub(super) name: String,
     pub(super) period_ns: u64,
-    /// It has been started in flight and not been told where to begin, has been stopped, or has failed.
+    /// It has been started in flight and not been given where to begin, has been stopped, or has failed.
     pub(super) waits: bool,
     /// From then on the seat is no longer its \[ns\].
     pub(super) leave_ns: u64,
@@ -113,7 +113,7 @@ pub(super) enum Published {
 }
 
 impl Loop {
-    /// A process that has said hello and not been told where to begin.
+    /// A process that has sent its hello and not been given where to begin.
     pub(super) fn outside(
         (node, place, generation): (Node, Seat, u32),
         process: OutsideLoop,
@@ -150,7 +150,7 @@ impl Loop {
         }
     }
 
-    /// Whom a script of times may name.
+    /// What a script of times may name.
     pub(super) fn who(&self) -> Who<'_> {
         Who { role: self.place.role, name: &self.name }
     }
@@ -159,7 +159,7 @@ impl Loop {
         !self.waits
     }
 
-    /// It is there, and may be told to begin.
+    /// It is there, and may be given where to begin.
     pub(super) fn joined(&self) -> PostEvent {
         let layout = self.stepper.layout();
         PostEvent::Joined { place: self.place, layout, period_ns: self.period_ns }

@@ -23,7 +23,7 @@ impl FlightMarks {
         }
     }
 
-    /// A hand-over, to which it is added whom the loop hears.
+    /// A hand-over, to which the writers that the loop receives from are added.
     pub(super) fn name_writers(&self, order: Handover, state: &[u8]) -> Handover {
         match self {
             Self::Plain(_) => order,

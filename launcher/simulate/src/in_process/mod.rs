@@ -41,7 +41,7 @@ use scenario::orders::OrderReport;
 use std::rc::Rc;
 use swap::SwapReport;
 
-/// Who tells the controllers where the vehicle is.
+/// What informs the controllers where the vehicle is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum StateSource {
     /// The estimator, as in a run.
@@ -50,7 +50,7 @@ pub enum StateSource {
     Truth,
 }
 
-/// What is told at the end of a flight whose slots have changed hands.
+/// What is reported at the end of a flight whose slots have changed hands.
 #[derive(Debug, Clone, Default)]
 pub struct Conclusion {
     /// Every swap.
@@ -98,7 +98,7 @@ impl<O: Observer> InProcess<O> {
         Self::with_processes(scenario, state, observer, &Outside::of(scenario.settings()))
     }
 
-    /// As [`new`](Self::new), where those who join in flight as processes are started as `outside` says.
+    /// As [`new`](Self::new), where those that join in flight as processes are started as `outside` sets.
     ///
     /// # Errors
     /// As [`new`](Self::new).

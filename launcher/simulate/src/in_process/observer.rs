@@ -1,4 +1,4 @@
-//! Who looks on while a flight is flown.
+//! The observers of a flight while it is flown.
 
 use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
@@ -8,7 +8,7 @@ use std::any::Any;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-/// An observer among those who publish, who may be told to look away.
+/// An observer that all publishers share, and that may be switched off.
 #[derive(Debug)]
 pub(super) struct SharedObserver<O> {
     observer: RefCell<O>,

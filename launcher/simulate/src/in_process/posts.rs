@@ -1,4 +1,4 @@
-//! Who sits in the slots of a flight in one process: loops of its thread, and processes.
+//! What sits in the slots of a flight in one process: loops of its thread, and processes.
 
 use super::InProcessError;
 use super::loops::{Connect, Loop};
@@ -25,12 +25,12 @@ use swap::{FlightError, PostEvent, Posts, RehearsalSpec, Seen, SlotWatch};
 /// Deaths of a process at one instant after which it is not started again in place.
 const DEATHS_MAX: u32 = 2;
 
-/// A seat of a slot, and who has had it.
+/// A seat of a slot, and what has had it.
 #[derive(Debug)]
 pub(super) struct Post {
     spec: ChildSpec,
     generation: u32,
-    /// The last state published there, and by whom.
+    /// The last state published there, and by which generation.
     last_state: Option<(u32, Vec<u8>)>,
     /// How often in a row its process has died at one instant, and at which \[ns\].
     died: (u32, u64),
@@ -44,8 +44,8 @@ pub(super) struct InProcessHost {
     watch: Rc<RefCell<SlotWatch>>,
     posts: BTreeMap<Place, Post>,
     pub(super) events: Vec<PostEvent>,
-    /// Those who are being started: a process opens its ports when all that happens at an instant has
-    /// happened, and so who dies then has left nothing for it.
+    /// Those that are being started: a process opens its ports when all that happens at an instant has
+    /// happened, and so one that dies then has left nothing for it.
     starting: Vec<Place>,
     /// The newest owner record of each slot.
     records: BTreeMap<Role, OwnerRecord>,
@@ -77,7 +77,7 @@ impl InProcessHost {
         }
     }
 
-    /// Takes in a loop that flies from the start, and tells how its service would be started.
+    /// Takes in a loop that flies from the start, and returns how its service would be started.
     pub(super) fn register_initial(&mut self, l: &Loop, name: &str) -> ChildSpec {
         let spec = ChildSpec {
             name: name.to_owned(),
@@ -93,7 +93,7 @@ impl InProcessHost {
         spec
     }
 
-    /// Starts those who are to be started; false if there are none.
+    /// Starts those that are to be started; false if there are none.
     pub(super) fn start_all(
         &mut self,
         graph: &Graph,
@@ -123,9 +123,9 @@ impl InProcessHost {
             }
         }
         // They open their ports side by side.
-        for (who, mut process) in processes {
+        for (member, mut process) in processes {
             let is_ready = process.await_ready();
-            let l = Loop::outside(who, process);
+            let l = Loop::outside(member, process);
             if is_ready {
                 self.events.push(l.joined());
             }
@@ -175,7 +175,7 @@ impl InProcessHost {
             .map_err(|error| InProcessError::Outside { name: spec.name.clone(), error })
     }
 
-    /// A loop is gone, perhaps for a reason that is told: no other waits for it.
+    /// A loop is gone, perhaps for a reason that is reported: no other waits for it.
     pub(super) fn reap(&mut self, mut l: Loop, marks: &mut FlightMarks) {
         marks.seat(l.place, l.generation, false);
         let exit_reason = l.stepper.take_failure().map(|report| {
@@ -276,7 +276,7 @@ impl InProcessHost {
 
 /// What has become of a loop whose process has failed.
 pub(super) enum RestartOutcome {
-    /// Another process goes on in its place, and what is told of that.
+    /// Another process goes on in its place, and the notice of that.
     Restarted(Loop, String),
     /// It is gone.
     Gone(Loop),
@@ -348,7 +348,7 @@ impl Posts for Seats<'_> {
         begun.map_err(|error| FlightError::NotReady {
             name: place.label(),
             how: error.to_string(),
-            words: String::new(),
+            last_stderr: String::new(),
         })
     }
 
@@ -371,7 +371,7 @@ impl Posts for Seats<'_> {
         } else if let Some(at) = self.at(place) {
             let mut l = self.loops.remove(at);
             if l.stepper.next_ns() >= self.host.scenario.duration_ns() {
-                // It has flown to the end, where a process has told its totals already.
+                // It has flown to the end, where a process has published its totals already.
                 l.stepper.finish();
             }
             self.host.keep_last_state(&mut l);
@@ -391,8 +391,8 @@ impl Posts for Seats<'_> {
         }
     }
 
-    fn words_so_far(&self, _place: Place) -> String {
-        // A process that fails here is waited for, and its exit report has its words.
+    fn stderr_so_far(&self, _place: Place) -> String {
+        // A process that fails here is waited for, and its exit report has its last lines.
         String::new()
     }
 
@@ -443,17 +443,17 @@ impl Posts for Seats<'_> {
 
     fn send_order(&mut self, sent: &Sent) {
         match sent {
-            Sent::Guidance(order) => self.host.wires.say(&topics::GUIDANCE_ORDER, *order),
-            Sent::Disturbance(order) => self.host.wires.say(&topics::DISTURBANCE_ORDER, *order),
+            Sent::Guidance(order) => self.host.wires.send(&topics::GUIDANCE_ORDER, *order),
+            Sent::Disturbance(order) => self.host.wires.send(&topics::DISTURBANCE_ORDER, *order),
         }
     }
 
-    fn tell_seating(&mut self, seating: &Seating, _config: Option<&Path>) {
+    fn record_seating(&mut self, seating: &Seating, _config: Option<&Path>) {
         self.host.wires.show(&topics::SEATING, seating);
     }
 }
 
-/// How far those have got who fly.
+/// How far those that fly have got.
 pub(super) fn flying(loops: &[Loop]) -> Vec<InstanceMark> {
     loops.iter().filter(|l| l.flies()).map(Loop::mark).collect()
 }

@@ -35,7 +35,7 @@ impl Kernel {
         Ok(flight)
     }
 
-    /// Goes through what happened to its loops before `t_ns`, as `tape` tells of each: releases left out
+    /// Goes through what happened to its loops before `t_ns`, as `tape` records it of each: releases left out
     /// or caught up and deadlines missed, which only a realtime flight has.
     pub fn repeat(&mut self, tape: &Tape, t_ns: u64) {
         for l in &mut self.loops {

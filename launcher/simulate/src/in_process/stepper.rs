@@ -7,12 +7,12 @@ use runtime::executor::StepStamps;
 use runtime::{Executor, RestoreError};
 use shared_types::{Handover, Seat};
 
-/// What a loop is told of the flight when it is to step.
+/// What a loop is given about the flight when it is to step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StepContext<'a> {
     /// Reads the host clock.
     pub(super) now_mono_ns: fn() -> u64,
-    /// Steps from here on may not run yet, whatever the marks say \[ns\].
+    /// Steps from here on may not run yet, whatever the marks are \[ns\].
     pub(super) allowed_ns: u64,
     /// How far all others have got; empty unless [`Stepper::is_outside`].
     pub(super) instances: &'a [InstanceMark],
@@ -29,7 +29,7 @@ pub(super) struct InstanceMark {
 
 /// A loop with its type forgotten: an executor, or a process of its own.
 pub(super) trait Stepper: Repeats {
-    /// True if the loop is a process, which needs to be told of all others.
+    /// True if the loop is a process, which needs to be informed of all others.
     fn is_outside(&self) -> bool {
         false
     }
@@ -41,11 +41,11 @@ pub(super) trait Stepper: Repeats {
     fn has_failed(&self) -> bool {
         false
     }
-    /// What has become of it then; told once.
+    /// What has become of it then; reported once.
     fn take_failure(&mut self) -> Option<ExitReport> {
         None
     }
-    /// Begins where a hand-over says, in a flight whose loops have got so far.
+    /// Begins where a hand-over states, in a flight whose loops have got so far.
     fn begin(
         &mut self,
         order: &Handover,
@@ -83,7 +83,7 @@ impl Stepper for Executor {
         true
     }
     fn finish(&mut self) {
-        // One that was stopped all the time has nothing to tell.
+        // One that was stopped all the time has nothing to report.
         if self.steps() > 0 {
             Self::finish(self);
         }

@@ -117,31 +117,31 @@ impl Tape {
         before.map(|keyframe| keyframe.header.generation).last().unwrap_or(0)
     }
 
-    /// What one life of a role's process told of its steps before `t_ns`.
+    /// What one life of a role's process reported about its steps before `t_ns`.
     pub fn told_by(
         &self,
         role: Role,
         generation: u32,
         t_ns: u64,
     ) -> impl Iterator<Item = &Deviation> {
-        self.samples(&topics::DEVIATION).iter().filter(move |told| {
-            let Header { generation: life, release_ns, .. } = told.header;
-            told.role == role && life == generation && release_ns < t_ns
+        self.samples(&topics::DEVIATION).iter().filter(move |deviation| {
+            let Header { generation: life, release_ns, .. } = deviation.header;
+            deviation.role == role && life == generation && release_ns < t_ns
         })
     }
 
     /// Shows an observer everything, as [`show_before`](Self::show_before) does.
     pub fn show_all<O: Observer>(&self, observer: &mut O) {
-        // What is told ahead, of owners and seats, may be about later instants than any step.
+        // What is published ahead, of owners and seats, may be about later instants than any step.
         let mut last = LastRelease { tape: self, t_ns: 0 };
         let Ok(()) = topics::visit_all(&mut last);
         self.show_before(last.t_ns + 1, observer);
     }
 
-    /// Shows an observer everything released before `t_ns`, and who owned the slots then, topic by
+    /// Shows an observer everything released before `t_ns`, and the owners of the slots then, topic by
     /// topic within each second, so that what compares topics has little to keep; then the states.
     pub fn show_before<O: Observer>(&self, t_ns: u64, observer: &mut O) {
-        // Ownership is told before the first step, also to who begins there.
+        // Ownership is published before the first step, also to what begins there.
         let end_ns = t_ns.max(1);
         let observer = &mut *observer;
         let mut show = Show { tape: self, observer, from_ns: 0, until_ns: 0, t_ns };

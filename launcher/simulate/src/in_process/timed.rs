@@ -1,4 +1,4 @@
-//! A flight whose loops and samples take the time that a script says: each loop decides as it does by the wall clock,
+//! A flight whose loops and samples take the time that a script sets: each loop decides as it does by the wall clock,
 //! and this clock goes on to the next instant at which one of them has something to do.
 
 use super::loops::{Loop, Published};
@@ -14,16 +14,16 @@ use std::rc::Rc;
 use swap::FAULT;
 use timing::{Agenda, Answer, Script, ToTell, Turn, TurnKind};
 
-/// The clock, and whose turn is when.
+/// The clock, and which loop has its turn when.
 pub(super) struct TimedClock {
     script: Rc<Script>,
     pub(super) delays: Rc<Delays>,
-    /// By [`Seat::number`], as all that is told of a loop here.
+    /// By [`Seat::number`], as everything about a loop here.
     agenda: Agenda,
     loops: [Option<TimedLoop>; Seat::COUNT],
     wall: WallMap,
     now_mono_ns: u64,
-    to_tell: ToTell,
+    announcements: ToTell,
     observer: Rc<dyn ErasedObserver>,
 }
 
@@ -47,7 +47,7 @@ fn number(l: &Loop) -> usize {
 impl TimedClock {
     /// Before the first turn.
     pub(super) fn new(script: Script, observer: Rc<dyn ErasedObserver>) -> Self {
-        let to_tell = script.to_tell();
+        let announcements = script.to_tell();
         let script = Rc::new(script.on_clock(START_MONO_NS));
         Self {
             delays: Rc::new(Delays::new(Rc::clone(&script))),
@@ -56,7 +56,7 @@ impl TimedClock {
             loops: [const { None }; Seat::COUNT],
             wall: timed::wall(),
             now_mono_ns: 0,
-            to_tell,
+            announcements,
             observer,
         }
     }
@@ -73,7 +73,7 @@ impl TimedClock {
             };
             *flying.stepping = at;
             self.now_mono_ns = turn.at_ns;
-            self.tell_until(turn.at_ns);
+            self.announce_until(turn.at_ns);
             let answer = self.take_turn(turn, flying);
             self.agenda.go_on(turn.index, answer.next);
             if let Some(before_ns) = answer.announced_from_ns {
@@ -104,10 +104,10 @@ impl TimedClock {
         }
     }
 
-    /// Tells in the recording what of the script begins by an instant of this clock \[ns\].
-    fn tell_until(&mut self, at_mono_ns: u64) {
+    /// Writes into the recording what of the script begins by an instant of this clock \[ns\].
+    fn announce_until(&mut self, at_mono_ns: u64) {
         let now_ns = self.wall.logical_ns(at_mono_ns);
-        while let Some((from_ns, text)) = self.to_tell.next_by(now_ns) {
+        while let Some((from_ns, text)) = self.announcements.next_by(now_ns) {
             self.observer.note(from_ns, false, &format!("{FAULT}{text}"));
         }
     }
@@ -133,7 +133,7 @@ impl TimedClock {
         answer
     }
 
-    /// Lets the others know how far a loop has got, and wakes those whose next release this may unblock.
+    /// Publishes to the others how far a loop has got, and wakes those whose next release this may unblock.
     fn announce(&mut self, at_ns: u64, before_ns: u64, flying: &mut Flying<'_>) {
         let l = &flying.loops[*flying.stepping];
         let (place, generation, mark_ns) = (l.place, l.generation, l.stepper.next_ns());

@@ -19,7 +19,7 @@ struct Queue<T> {
     closed: Cell<bool>,
 }
 
-/// The last samples of one writer, for those who join a flight.
+/// The last samples of one writer, for those that join a flight.
 type Kept<T> = RefCell<VecDeque<T>>;
 
 /// One topic.
@@ -97,7 +97,7 @@ pub(super) struct Wires {
     /// [`Line`] by topic name.
     lines: BTreeMap<&'static str, Box<dyn Any>>,
     taps: SampleTaps,
-    /// Who looks at the slots, if they change hands.
+    /// Observes the slots, if they change hands.
     watch: Option<Rc<RefCell<SlotWatch>>>,
     /// The owner records, by topic name.
     records: BTreeMap<&'static str, Rc<Kept<OwnerRecord>>>,
@@ -114,7 +114,7 @@ impl Wires {
         Self { lines: BTreeMap::new(), taps, watch, records: BTreeMap::new(), delays }
     }
 
-    /// Who is shown what is not published on a topic.
+    /// The observer that is shown what is not published on a topic.
     pub(super) fn observer(&self) -> Rc<dyn ErasedObserver> {
         self.taps.others()
     }
@@ -132,7 +132,7 @@ impl Wires {
     }
 
     /// What is published on a topic from now on, after what every writer that is there has kept for those
-    /// who join.
+    /// that join.
     pub(super) fn subscribe<T: Sample>(&mut self, topic: &'static Topic<T>) -> QueueSource<T> {
         let line = self.line(topic);
         let mut samples = VecDeque::with_capacity(READER_CAPACITY);
@@ -170,15 +170,15 @@ impl Wires {
         let Ok(()) = OutputVisitor::visit(&mut connect, &topics::DEVIATION, deviations);
     }
 
-    /// Tells the readers of a topic that no component writes.
-    pub(super) fn say<T: Sample>(&mut self, topic: &'static Topic<T>, sample: T) {
+    /// Sends a sample to the readers of a topic that no component writes.
+    pub(super) fn send<T: Sample>(&mut self, topic: &'static Topic<T>, sample: T) {
         self.show(topic, &sample);
         self.line(topic).send(sample);
     }
 
-    /// Tells the readers of a slot's owner record who owns it from when.
+    /// Sends the readers of a slot's owner record which seat owns it from when.
     pub(super) fn announce(&mut self, topic: &'static Topic<OwnerRecord>, record: OwnerRecord) {
-        self.say(topic, record);
+        self.send(topic, record);
         let line = self.line(topic);
         if self.watch.is_some() {
             let kept = self.records.entry(topic.info.name).or_insert_with(|| line.keep());
@@ -186,7 +186,7 @@ impl Wires {
         }
     }
 
-    /// Tells the readers of a slot's owner record that its first seat commands from the start.
+    /// Sends the readers of a slot's owner record that its first seat commands from the start.
     pub(super) fn own(&mut self, graph: &Graph, slot: Slot) {
         let SlotSpec { role, owner, .. } = *slot.spec();
         let period_ns = graph.node(graph.slot_holder(role)).map_or(0, |n| n.rate.period_ns());

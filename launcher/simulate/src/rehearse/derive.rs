@@ -86,14 +86,14 @@ pub(super) fn scenario(
     flown: &Scenario,
     facts: &Facts,
     (draw, schedule): (&Draw, &Schedule),
-    who: Role,
+    role: Role,
 ) -> Result<Scenario, String> {
     let snapshot = &spec.snapshot;
     let mut root: Table = flown.to_toml().parse().map_err(|error| format!("{error}"))?;
     for list in ["swap", "standby", "fault", "order", "timing"] {
         root.remove(list);
     }
-    let duration_s = match who {
+    let duration_s = match role {
         Role::Following => {
             let period_s = facts.attitude_period_s + facts.position_period_s;
             trip_from_s(facts) + TRIP_S + TRIP_PERIODS * period_s
@@ -120,7 +120,8 @@ pub(super) fn scenario(
     challenges(&mut root, snapshot, schedule);
     orders(&mut root, flown, snapshot, schedule)?;
     // Unless it is about a trip, the monitor and a fallback would take command from a bad candidate and hide its errors.
-    let (watched, fallback) = if who == Role::Following { (true, "auto") } else { (false, "none") };
+    let (watched, fallback) =
+        if role == Role::Following { (true, "auto") } else { (false, "none") };
     let monitor = section(&mut root, "monitor");
     // How soon and by which limits the flight's own monitor trips does not matter.
     monitor.clear();
@@ -128,13 +129,13 @@ pub(super) fn scenario(
         monitor,
         [("enabled", Value::Boolean(watched)), ("fallback", Value::String(fallback.to_owned()))],
     );
-    let taken_over = match who {
+    let taken_over = match role {
         Role::Candidate | Role::Following => Some((&spec.candidate, spec.config.as_ref())),
         Role::Owner => spec.owner.as_ref().map(|(name, config)| (name, config.as_ref())),
     };
     let by = taken_over.map(|by| swap(spec.slot, by, JOIN_S, facts));
     let mut swaps: Vec<Value> = by.into_iter().collect();
-    if who == Role::Following {
+    if role == Role::Following {
         let owner = Assignment::of(flown.settings()).name(Slot::Position.role()).to_owned();
         swaps.push(swap(Slot::Position, (&owner, None), flip_s(facts, Slot::Attitude), facts));
     }
@@ -143,8 +144,8 @@ pub(super) fn scenario(
     }
     let text = toml::to_string(&root).map_err(|error| error.to_string())?;
     Scenario::from_text("the rehearsal's scenario", &text, &[]).map_err(|error| {
-        let told = error.problems().map(|problem| format!("{problem}: {}", problem.remedy()));
-        told.collect::<Vec<_>>().join("; ")
+        let problems = error.problems().map(|problem| format!("{problem}: {}", problem.remedy()));
+        problems.collect::<Vec<_>>().join("; ")
     })
 }
 
@@ -364,8 +365,8 @@ fn orders(
 }
 
 /// The guidance order in a snapshot, if one is in effect.
-fn guidance_order(told: &Guidance) -> Option<shared_types::GuidanceOrder> {
-    let settings = toml::Value::Table(guidance(told)).try_into::<GuidanceSettings>().ok()?;
+fn guidance_order(known: &Guidance) -> Option<shared_types::GuidanceOrder> {
+    let settings = toml::Value::Table(guidance(known)).try_into::<GuidanceSettings>().ok()?;
     settings.order()
 }
 

@@ -35,7 +35,7 @@ pub(super) struct Look {
 }
 
 impl Look {
-    pub(super) fn new(slot: Slot, facts: &Facts, who: Role) -> Self {
+    pub(super) fn new(slot: Slot, facts: &Facts, role: Role) -> Self {
         let beta =
             MorphAngle::saturating_from_rad(facts.morph_angle_rad).unwrap_or(MorphAngle::MIN);
         let wrench = facts.vehicle.largest_wrench(beta);
@@ -46,8 +46,8 @@ impl Look {
                 [wrench[0], tilt, tilt, tilt]
             }
         };
-        let seat = if who == Role::Candidate { CANDIDATE_SEAT } else { 0 };
-        let flipped = who == Role::Owner;
+        let seat = if role == Role::Candidate { CANDIDATE_SEAT } else { 0 };
+        let flipped = role == Role::Owner;
         let vehicle = Some(facts.vehicle);
         Self { seat, slot: Some(slot), vehicle, largest, flipped, ..Self::default() }
     }

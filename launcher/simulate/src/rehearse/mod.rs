@@ -83,11 +83,11 @@ impl Rehearsal {
     ///
     /// # Panics
     /// If `draw` is not less than [`rehearsal::DRAWS`].
-    pub fn scenario(&self, draw: usize, who: Role) -> Result<Scenario, Box<RehearsalRefusal>> {
+    pub fn scenario(&self, draw: usize, role: Role) -> Result<Scenario, Box<RehearsalRefusal>> {
         let none = Schedule::default();
-        let schedule = if who == Role::Following { &none } else { &self.schedules[draw] };
+        let schedule = if role == Role::Following { &none } else { &self.schedules[draw] };
         let draw = &self.draws[draw];
-        derive::scenario(&self.spec, &self.scenario, &self.facts, (draw, schedule), who)
+        derive::scenario(&self.spec, &self.scenario, &self.facts, (draw, schedule), role)
             .map_err(not_rehearsed)
     }
 
@@ -126,9 +126,9 @@ impl Rehearsal {
         let tube = self.scenario.settings().rehearsal.tube();
         let mut flown: Vec<(Track, Track)> = Vec::with_capacity(self.draws.len());
         for draw in 0..self.draws.len() {
-            let mut one = |who: Role| {
-                let scenario = self.scenario(draw, who)?;
-                fly::fly(&scenario, self.look(who), extra(), go_on)
+            let mut one = |role: Role| {
+                let scenario = self.scenario(draw, role)?;
+                fly::fly(&scenario, self.look(role), extra(), go_on)
             };
             let candidate = one(Role::Candidate)?;
             let owner = one(Role::Owner)?;
@@ -155,8 +155,8 @@ impl Rehearsal {
         Err(not_rehearsed("there is no start to fly from"))
     }
 
-    fn look(&self, who: Role) -> look::Look {
-        look::Look::new(self.spec.slot, &self.facts, who)
+    fn look(&self, role: Role) -> look::Look {
+        look::Look::new(self.spec.slot, &self.facts, role)
     }
 }
 

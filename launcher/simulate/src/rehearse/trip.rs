@@ -26,7 +26,7 @@ struct Tripping {
     owner_from_ns: Option<u64>,
     /// When its trip takes effect \[ns\].
     tripped_ns: Option<u64>,
-    /// Releases of the candidate since then, and whom it followed in each \[ns\].
+    /// Releases of the candidate since then, and which seat it followed in each \[ns\].
     followed: Vec<(u64, u32)>,
 }
 
@@ -41,14 +41,14 @@ impl Observer for Tripping {
             if trip.slot == LoopRole::Position {
                 self.tripped_ns.get_or_insert(trip.header.valid_ns);
             }
-        } else if let Some(said) = any.downcast_ref::<AppliedSetpoint>()
-            && said.header.seat == SWAPPED_SEAT
+        } else if let Some(applied) = any.downcast_ref::<AppliedSetpoint>()
+            && applied.header.seat == SWAPPED_SEAT
             && self.tripped_ns.is_some()
         {
             // Level in place of an owner that has tripped follows no seat.
-            let is_level = said.tripped.is_set() && said.setpoint_sequence == 0;
-            let followed = if is_level { NO_SEAT } else { said.seat };
-            self.followed.push((said.header.release_ns, followed));
+            let is_level = applied.tripped.is_set() && applied.setpoint_sequence == 0;
+            let followed = if is_level { NO_SEAT } else { applied.seat };
+            self.followed.push((applied.header.release_ns, followed));
         }
     }
 
@@ -64,7 +64,7 @@ impl Observer for Tripping {
 }
 
 impl Tripping {
-    /// The candidate's steps more than `within_ns` after the trip: how long after it \[ns\], and whom it follows.
+    /// The candidate's steps more than `within_ns` after the trip: how long after it \[ns\], and which seat it follows.
     fn since(&self, within_ns: u64) -> impl Iterator<Item = (u64, u32)> {
         let tripped_ns = self.tripped_ns.unwrap_or(u64::MAX);
         let since =

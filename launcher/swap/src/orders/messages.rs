@@ -4,16 +4,16 @@ use protocol::control::protocol::{Done, Figures, Progress};
 use shared_types::Slot;
 use slot::{GateFigures, Outcome, Seat, Step};
 
-/// Puts the names of instances where a sentence speaks of seats.
+/// Puts the names of instances where a sentence names seats.
 pub(super) fn with_names(text: &str, name: impl Fn(Seat) -> String) -> String {
     Seat::ALL
         .into_iter()
         .fold(text.to_owned(), |text, seat| text.replace(&seat.to_string(), &name(seat)))
 }
 
-/// The first word to the client that asked.
+/// The first reply to the client that asked.
 pub(super) fn accepted(slot: Slot) -> Progress {
-    said(slot, "accepted", None, "under way")
+    progress_of(slot, "accepted", None, "under way")
 }
 
 /// A step on the way, with the names of instances.
@@ -26,7 +26,7 @@ pub(super) fn progress(slot: Slot, step: &Step, name: impl Fn(Seat) -> String) -
             let text = format!("{text}: {}", measured(of_gate));
             return Progress {
                 figures: Some(figures_of(of_gate)),
-                ..said(slot, "gate", None, &text)
+                ..progress_of(slot, "gate", None, &text)
             };
         }
         Step::Forced(..) | Step::RehearsalForced(..) => ("forced", None),
@@ -45,10 +45,10 @@ pub(super) fn progress(slot: Slot, step: &Step, name: impl Fn(Seat) -> String) -
         Step::StandbyGivenUp(_) => ("standby given up", None),
         Step::Left(_) => ("left", None),
     };
-    said(slot, word, at_ns, &text)
+    progress_of(slot, word, at_ns, &text)
 }
 
-fn said(slot: Slot, step: &str, at_ns: Option<u64>, text: &str) -> Progress {
+fn progress_of(slot: Slot, step: &str, at_ns: Option<u64>, text: &str) -> Progress {
     let text = format!("{} slot: {text}", slot.label());
     let (slot, step) = (slot.label().to_owned(), step.to_owned());
     Progress { slot, step, at_ns, text, figures: None, course: Vec::new() }
@@ -56,7 +56,7 @@ fn said(slot: Slot, step: &str, at_ns: Option<u64>, text: &str) -> Progress {
 
 /// How a candidate failed that was flown ahead.
 pub(super) fn failed(slot: Slot, course: Vec<[f64; 8]>) -> Progress {
-    Progress { course, ..said(slot, "fails", None, "its rehearsal fails") }
+    Progress { course, ..progress_of(slot, "fails", None, "its rehearsal fails") }
 }
 
 /// The end of an order.

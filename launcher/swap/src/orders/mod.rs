@@ -35,7 +35,7 @@ pub struct Executable {
 
 impl Executable {
     /// `candidate` as its files are now; one that cannot be read any more cannot be started either,
-    /// and that is told then.
+    /// and that is reported then.
     #[must_use]
     pub fn new(candidate: Candidate, config: Option<PathBuf>) -> Self {
         let executable = match &candidate {
@@ -100,7 +100,7 @@ pub struct Orders {
     seats: BTreeMap<(Slot, Seat), Program>,
     /// What is known of the end of the process that sat there last, for the client that asked for it.
     ends: BTreeMap<(Slot, Seat), String>,
-    /// Who differs from the owner is flown ahead unless the request says otherwise.
+    /// A candidate that differs from the owner is flown ahead unless the request asks otherwise.
     rehearses: bool,
     /// No executable of a user can take part.
     services_only: bool,
@@ -108,7 +108,7 @@ pub struct Orders {
 }
 
 impl Orders {
-    /// Has candidates flown ahead that differ from the owner, or not, unless a request says otherwise.
+    /// Has candidates flown ahead that differ from the owner, or not, unless a request asks otherwise.
     pub fn set_rehearses(&mut self, rehearses: bool) {
         self.rehearses = rehearses;
     }
@@ -140,13 +140,13 @@ impl Orders {
         self.ends.remove(&(slot, seat));
     }
 
-    /// Keeps how the process on a seat has ended, with what it said, for the answer to the client that
+    /// Keeps how the process on a seat has ended, with what it printed, for the answer to the client that
     /// asked for it.
     pub fn explain(&mut self, slot: Slot, seat: Seat, how: &str) {
         self.ends.insert((slot, seat), how.trim_end().to_owned());
     }
 
-    /// How the process on a seat has ended and the last line that it said, in one line; none if nothing is known of it.
+    /// How the process on a seat has ended and its last line, in one line; none if nothing is known of it.
     #[must_use]
     pub fn end_of(&self, slot: Slot, seat: Seat) -> Option<String> {
         let mut lines = self.ends.get(&(slot, seat))?.lines();
@@ -338,7 +338,7 @@ impl Orders {
         }
     }
 
-    /// Shows those who asked how a candidate failed that was flown ahead.
+    /// Shows the clients that asked how a candidate that was flown ahead has failed.
     pub(crate) fn show_failure(&self, slot: Slot, course: Vec<[f64; 8]>) {
         let reply = Reply::Progress(messages::failed(slot, course));
         for open in self.open.iter().filter(|open| open.slot == slot) {
@@ -346,8 +346,8 @@ impl Orders {
         }
     }
 
-    /// Tells whom it concerns, and gives the sentence for the record of the flight.
-    pub fn tell(&mut self, slot: Slot, report: &Report) -> String {
+    /// Sends a report to the clients that it concerns, and returns the sentence for the record of the flight.
+    pub fn notify(&mut self, slot: Slot, report: &Report) -> String {
         let name = |seat: Seat| self.name(slot, seat);
         match report {
             Report::Refused(reason) => self.refusal(slot, reason).text,
@@ -378,7 +378,7 @@ impl Orders {
                     (reason, self.ends.get(&(slot, *seat)))
                 {
                     refusal.text = format!("{text}: {how}");
-                    // All that a process said was told when it died; of one that is killed nothing was.
+                    // All that a process printed was reported when it died; of one that is killed nothing was.
                     text = match fault {
                         slot::Fault::Died => {
                             format!("{text}: {}", self.end_of(slot, *seat).unwrap_or_default())

@@ -1,4 +1,4 @@
-//! Orders against the real state machine of a slot: what is told to whom, and how it ends.
+//! Orders against the real state machine of a slot: which replies and notices they cause, and how they end.
 
 use super::*;
 use protocol::control::server::Answer;
@@ -9,8 +9,8 @@ struct Flight {
     orders: Orders,
     machines: Machines,
     logical_ns: u64,
-    /// What the launcher itself says of it.
-    told: Vec<String>,
+    /// The notices that the launcher itself prints.
+    notices: Vec<String>,
 }
 
 impl Flight {
@@ -23,7 +23,7 @@ impl Flight {
         assert_eq!(SlotConfig::LOCKSTEP.clock, Clock::Lockstep);
         let machine = slot::SlotMachine::new(SlotConfig::LOCKSTEP, seat, program);
         let machines = Machines::from([(Slot::Attitude, machine)]);
-        let mut flight = Self { orders, machines, logical_ns: 1_000_000_000, told: Vec::new() };
+        let mut flight = Self { orders, machines, logical_ns: 1_000_000_000, notices: Vec::new() };
         flight.ready(seat);
         flight
     }
@@ -44,7 +44,7 @@ impl Flight {
         for action in actions {
             match action {
                 Action::Report(report) => {
-                    self.told.push(self.orders.tell(Slot::Attitude, &report));
+                    self.notices.push(self.orders.notify(Slot::Attitude, &report));
                 }
                 Action::Spawn(seat, program) => self.orders.seat(Slot::Attitude, seat, program),
                 Action::Publish(record) => follows.push(Event::Acknowledged {
@@ -74,12 +74,12 @@ impl Flight {
 
     /// Asks; what comes back at once is in the answer.
     fn ask(&mut self, request: &Request) -> Box<dyn FnMut() -> Vec<Reply>> {
-        let (answer, heard) = Answer::overheard().expect("a descriptor");
+        let (answer, received) = Answer::with_receiver().expect("a descriptor");
         let ordered = match self.orders.understand(request, &self.machines) {
             Ok(ordered) => ordered.expect("an order"),
             Err(refusal) => {
                 answer.send(Reply::Refused(refusal));
-                return Box::new(heard);
+                return Box::new(received);
             }
         };
         let now = self.now();
@@ -87,7 +87,7 @@ impl Flight {
         let actions = machine.on(now, Event::Request(ordered.request));
         self.orders.follow(&ordered, &self.machines, &actions, answer);
         self.carry_out(actions);
-        Box::new(heard)
+        Box::new(received)
     }
 
     /// The one refusal that a request meets at once.
@@ -114,11 +114,11 @@ fn swap(to: &str) -> SwapRequest {
     }
 }
 
-fn words(replies: &[Reply]) -> Vec<&str> {
-    replies.iter().map(word).collect()
+fn steps(replies: &[Reply]) -> Vec<&str> {
+    replies.iter().map(step).collect()
 }
 
-fn word(reply: &Reply) -> &str {
+fn step(reply: &Reply) -> &str {
     match reply {
         Reply::Progress(progress) => &progress.step,
         Reply::Done(done) => &done.outcome,
@@ -131,14 +131,14 @@ fn word(reply: &Reply) -> &str {
 #[test]
 fn a_swap_is_told_step_by_step_until_its_window_is_over() {
     let mut flight = Flight::new();
-    let mut heard = flight.ask(&Request::Swap(swap("attitude-mpc")));
-    assert_eq!(words(&heard()), ["accepted"]);
+    let mut received = flight.ask(&Request::Swap(swap("attitude-mpc")));
+    assert_eq!(steps(&received()), ["accepted"]);
     flight.ready(Seat::ALL[1]);
     flight.wait();
     let figures = GateFigures { free: 200, ..GateFigures::default() };
     flight.happen(Event::Verdict(Seat::ALL[1], Ok(Box::new(figures))));
-    let replies = heard();
-    assert_eq!(words(&replies), ["joined", "gate", "flips", "flipped"]);
+    let replies = received();
+    assert_eq!(steps(&replies), ["joined", "gate", "flips", "flipped"]);
     let Reply::Progress(gate) = &replies[1] else { panic!("{replies:?}") };
     assert_eq!(gate.figures.as_ref().map(|figures| figures.free), Some(200));
     assert!(
@@ -151,14 +151,14 @@ fn a_swap_is_told_step_by_step_until_its_window_is_over() {
     assert_eq!(flips.at_ns, Some(3_001_000_000));
     assert!(flips.text.contains("at 3.001000 s"), "{}", flips.text);
     flight.wait();
-    let replies = heard();
-    assert_eq!(words(&replies), ["swapped"], "{replies:?}");
+    let replies = received();
+    assert_eq!(steps(&replies), ["swapped"], "{replies:?}");
     assert!(replies[0].is_last());
     flight.assert_nothing_is_awaited();
 }
 
 impl Flight {
-    /// No client is told anything any more.
+    /// No client waits for a reply any more.
     fn assert_nothing_is_awaited(&self) {
         assert!(self.orders.open.is_empty(), "{:?}", self.orders.open);
     }
@@ -167,20 +167,20 @@ impl Flight {
 #[test]
 fn a_candidate_that_is_refused_or_dies_ends_the_order_with_1_and_its_name() {
     let refused = slot::Refusal::MissedDeadlines { missed: 3, limit: 0, at_ns: 1_500_000_000 };
-    for (event, reason, words) in [
+    for (event, reason, expected) in [
         (Event::Verdict(Seat::ALL[1], Err(refused)), Reason::Gate, "missed 3 deadlines"),
         (Event::Died(Seat::ALL[1]), Reason::Failed, "its process ended"),
         (Event::Misbehaved(Seat::ALL[1], Fault::Stalled), Reason::Failed, "no progress"),
     ] {
         let mut flight = Flight::new();
-        let mut heard = flight.ask(&Request::Swap(swap("attitude-mpc")));
+        let mut received = flight.ask(&Request::Swap(swap("attitude-mpc")));
         flight.ready(Seat::ALL[1]);
         flight.happen(event);
-        let replies = heard();
+        let replies = received();
         let ended = replies.iter().find(|reply| reply.is_last());
         let Some(Reply::Refused(refusal)) = ended else { panic!("{replies:?}") };
         assert_eq!((refusal.reason, refusal.exit_code), (reason, 1));
-        let named = refusal.text.contains("attitude-mpc@1") && refusal.text.contains(words);
+        let named = refusal.text.contains("attitude-mpc@1") && refusal.text.contains(expected);
         assert!(named, "{refusal}");
         flight.assert_nothing_is_awaited();
     }
@@ -188,24 +188,24 @@ fn a_candidate_that_is_refused_or_dies_ends_the_order_with_1_and_its_name() {
 
 #[test]
 fn what_a_dead_candidate_said_is_told_whole_to_its_client_and_briefly_otherwise() {
-    let said = "its last words:\n  File \"law.py\", line 6\nValueError: no gains\n";
+    let stderr = "its last words:\n  File \"law.py\", line 6\nValueError: no gains\n";
     let ended = |event: Event| -> (String, String) {
         let mut flight = Flight::new();
-        let mut heard = flight.ask(&Request::Swap(swap("attitude-mpc")));
+        let mut received = flight.ask(&Request::Swap(swap("attitude-mpc")));
         flight.ready(Seat::ALL[1]);
-        flight.orders.explain(Slot::Attitude, Seat::ALL[1], said);
+        flight.orders.explain(Slot::Attitude, Seat::ALL[1], stderr);
         flight.happen(event);
-        let replies = heard();
+        let replies = received();
         let Some(Reply::Refused(refusal)) = replies.last() else { panic!("{replies:?}") };
-        (refusal.text.clone(), flight.told.last().unwrap().clone())
+        (refusal.text.clone(), flight.notices.last().unwrap().clone())
     };
-    let (answer, told) = ended(Event::Died(Seat::ALL[1]));
+    let (answer, notice) = ended(Event::Died(Seat::ALL[1]));
     assert!(answer.contains("line 6\nValueError: no gains"), "{answer}");
-    assert!(told.ends_with("its last words: ValueError: no gains"), "{told}");
-    assert!(!told.contains('\n'), "{told}");
-    // Nothing was told before of one that the launcher kills.
-    let (answer, told) = ended(Event::Misbehaved(Seat::ALL[1], Fault::Stalled));
-    assert!(told == answer && told.contains("line 6\nValueError: no gains"), "{told}");
+    assert!(notice.ends_with("its last words: ValueError: no gains"), "{notice}");
+    assert!(!notice.contains('\n'), "{notice}");
+    // Nothing was reported before about a candidate that the launcher kills.
+    let (answer, notice) = ended(Event::Misbehaved(Seat::ALL[1], Fault::Stalled));
+    assert!(notice == answer && notice.contains("line 6\nValueError: no gains"), "{notice}");
 }
 
 #[test]
@@ -219,7 +219,7 @@ fn what_makes_no_sense_is_refused_with_2_and_what_comes_too_early_with_3() {
     let config = SwapRequest { config: Some("/nowhere/x.toml".into()), ..swap("attitude-mpc") };
     let back = Request::Rollback { slot: "attitude".to_owned() };
     let retire = |name: &str| Request::Retire { name: name.to_owned() };
-    for (request, reason, words) in [
+    for (request, reason, expected) in [
         (Request::Swap(elsewhere), Reason::UnknownSlot, "did you mean `attitude`?"),
         (Request::Swap(not_here), Reason::UnknownSlot, "no slot position"),
         (to("attitude-mpq"), Reason::UnknownName, "did you mean `attitude-mpc`?"),
@@ -238,7 +238,7 @@ fn what_makes_no_sense_is_refused_with_2_and_what_comes_too_early_with_3() {
     ] {
         let (refused, code, text) = flight.refusal(&request);
         assert_eq!((refused, code), (reason, 2), "{text}");
-        assert!(text.contains(words), "{text}");
+        assert!(text.contains(expected), "{text}");
     }
     let _first = flight.ask(&to("attitude-mpc"));
     let (reason, code, text) = flight.refusal(&to("attitude-mpc"));
@@ -258,7 +258,7 @@ fn a_rollback_ends_the_swap_for_one_and_is_done_for_the_other() {
     let Some(Reply::Refused(refusal)) = swapping.last() else { panic!("{swapping:?}") };
     assert!(refusal.exit_code == 1 && refusal.text.contains("rolled back"), "{refusal}");
     let rolling = rolling();
-    assert_eq!(words(&rolling).last(), Some(&"rolled back"), "{rolling:?}");
+    assert_eq!(steps(&rolling).last(), Some(&"rolled back"), "{rolling:?}");
     flight.assert_nothing_is_awaited();
 }
 
@@ -275,18 +275,18 @@ fn a_standby_is_named_by_its_program_as_long_as_only_one_can_be_meant() {
     flight.ready(Seat::ALL[1]);
     flight.wait();
     flight.happen(Event::Verdict(Seat::ALL[1], Ok(Box::default())));
-    assert_eq!(words(&standing_by()).last(), Some(&"stands by"));
+    assert_eq!(steps(&standing_by()).last(), Some(&"stands by"));
     let mut swapping = flight.ask(&Request::Swap(swap("attitude-mpc")));
-    assert_eq!(words(&swapping()), ["accepted"]);
+    assert_eq!(steps(&swapping()), ["accepted"]);
     let retire = |name: &str| Request::Retire { name: name.to_owned() };
     let (reason, code, text) = flight.refusal(&retire("attitude-mpc"));
     assert_eq!((reason, code), (Reason::UnknownName, 2));
     assert!(text.contains("attitude-mpc@1, attitude-mpc@2"), "{text}");
     let mut retiring = flight.ask(&retire("attitude-mpc@2"));
-    assert_eq!(words(&retiring()).last(), Some(&"retired"));
-    assert_eq!(words(&swapping()).last(), Some(&"refused"));
+    assert_eq!(steps(&retiring()).last(), Some(&"retired"));
+    assert_eq!(steps(&swapping()).last(), Some(&"refused"));
     let mut retiring = flight.ask(&retire("attitude-mpc"));
-    assert_eq!(words(&retiring()).last(), Some(&"retired"));
+    assert_eq!(steps(&retiring()).last(), Some(&"retired"));
     flight.assert_nothing_is_awaited();
 }
 

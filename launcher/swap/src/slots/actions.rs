@@ -79,7 +79,7 @@ impl Slots {
             Action::Judge(seat) => {
                 let gate = self.states.get(&slot).and_then(|state| state.gate.as_ref());
                 if let Some(verdict) = gate.map(Gatekeeper::verdict) {
-                    return self.tell(slot, Event::Verdict(seat, verdict.map(Box::new)), context);
+                    return self.feed(slot, Event::Verdict(seat, verdict.map(Box::new)), context);
                 }
             }
             Action::Rehearse(seat) => return self.rehearse(slot, seat, context),
@@ -128,7 +128,7 @@ impl Slots {
         let seating = seating::joined(&order, from.zip(state.as_ref()), join_ns);
         let state = state.map(|(_, bytes)| bytes).unwrap_or_default();
         context.posts.hand_over(place(seat), order, &state)?;
-        self.tell_seating(slot, seat, seating, context);
+        self.record_seating(slot, seat, seating, context);
         let tracks = Tracks { needs_setpoint: role == Role::Attitude, until_ns: track_until_ns };
         self.open_gate(slot, seat, has_state, Some(tracks), context);
         Ok(())
@@ -160,8 +160,8 @@ impl Slots {
         }
         let now_ns = context.now.logical_ns;
         let tracks = tracks.filter(|tracks| !same_kind && tracks.until_ns > now_ns);
-        let who = (u32::from(seat), u32::from(owner));
-        let gate = Gatekeeper::new(scale, limits, who, tracks, patient);
+        let seats = (u32::from(seat), u32::from(owner));
+        let gate = Gatekeeper::new(scale, limits, seats, tracks, patient);
         state.gate = Some(gate);
     }
 }

@@ -40,8 +40,8 @@ impl Slots {
         }
     }
 
-    /// Goes on with a slot from its last record. `posts` tells what was started for which seat,
-    /// `living` who is there, with layout and period \[ns\].
+    /// Goes on with a slot from its last record. `posts` gives what was started for which seat,
+    /// `living` which processes are there, with layout and period \[ns\].
     ///
     /// # Errors
     /// [`FlightError`] if a process that is missing cannot be started.

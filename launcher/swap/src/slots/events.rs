@@ -1,4 +1,4 @@
-//! What the slots hear: hellos and deaths of processes, what consumers say, and silence.
+//! The events that the slots take: hellos and deaths of processes, reports of consumers, and silence.
 
 use super::facts::{command_latency_ns, millihertz};
 use super::trip_reason::TripReason;
@@ -11,7 +11,7 @@ use slot::gate::Refusal;
 use slot::supervisor::{Event, Fault, Instance};
 
 impl Slots {
-    pub(super) fn hear(
+    pub(super) fn take_event(
         &mut self,
         event: &PostEvent,
         context: &mut SlotContext<'_>,
@@ -30,16 +30,16 @@ impl Slots {
                     millihertz: millihertz(context.graph, place.role, *period_ns),
                     latency_ns: command_latency_ns(context.graph, place.role),
                 };
-                self.tell(slot, Event::Ready(seat, instance), context)
+                self.feed(slot, Event::Ready(seat, instance), context)
             }
             PostEvent::Gone { .. } if context.is_over => Ok(()),
             PostEvent::Gone { exit_reason, .. } => {
                 if let Some(exit_reason) = exit_reason {
                     self.lost(slot, seat, context);
-                    self.say(exit_reason.clone(), true);
+                    self.add_news(exit_reason.clone(), true);
                     self.orders.explain(slot, seat, exit_reason);
                 }
-                self.tell(slot, Event::Died(seat), context)
+                self.feed(slot, Event::Died(seat), context)
             }
         }
     }
@@ -52,18 +52,18 @@ impl Slots {
         let role = match seen {
             Seen::Angle { at_ns, angle_rad } => return self.see_angle(*at_ns, *angle_rad, context),
             Seen::Trip(trip) => {
-                self.say_trip(trip);
+                self.report_trip(trip);
                 return Ok(());
             }
             Seen::Command(command) => command.slot,
-            Seen::Hears { .. } => Role::Attitude,
+            Seen::HasSetpoint { .. } => Role::Attitude,
             Seen::Follows { slot, .. }
             | Seen::Missed { slot, .. }
             | Seen::Unguided { slot, .. } => *slot,
         };
         let mut seen = *seen;
         if let Seen::Follows { slot: Role::Position, by_seat, followed } = &mut seen {
-            *followed = self.consumers.tells(*by_seat, *followed);
+            *followed = self.consumers.take(*by_seat, *followed);
         }
         let Some(slot) = self.slot_of(role) else { return Ok(()) };
         let decides = self.consumers.flying().or_else(|| self.owner_seat(Role::Attitude));
@@ -74,8 +74,9 @@ impl Slots {
                 let judged = state.gate.as_mut().map(|gate| gate.take(&command));
                 self.refuse(slot, judged, context)
             }
-            Seen::Hears { seat, at_ns, something } => {
-                let judged = state.gate.as_mut().map(|gate| gate.hears(seat, at_ns, something));
+            Seen::HasSetpoint { seat, at_ns, something } => {
+                let judged =
+                    state.gate.as_mut().map(|gate| gate.take_setpoint(seat, at_ns, something));
                 self.refuse(slot, judged, context)
             }
             Seen::Missed { seat, steps, at_ns, .. } => {
@@ -90,26 +91,26 @@ impl Slots {
                 Ok(())
             }
             Seen::Follows { followed, .. } => {
-                self.consumer_says(slot, &followed, context)?;
-                let told = (role == Role::Attitude).then(|| self.consumers.plant_tells(&followed));
-                match (told.flatten(), self.slot_of(Role::Position)) {
-                    (Some(told), Some(slot)) => self.consumer_says(slot, &told, context),
+                self.consumer_follows(slot, &followed, context)?;
+                let kept = (role == Role::Attitude).then(|| self.consumers.take_plant(&followed));
+                match (kept.flatten(), self.slot_of(Role::Position)) {
+                    (Some(kept), Some(slot)) => self.consumer_follows(slot, &kept, context),
                     _ => Ok(()),
                 }
             }
             Seen::Unguided { epoch, since_ns, at_ns, .. } => {
-                self.tell(slot, Event::Unguided { epoch, since_ns, at_ns }, context)
+                self.feed(slot, Event::Unguided { epoch, since_ns, at_ns }, context)
             }
         }
     }
 
     /// The monitor has tripped an owner: why, and what follows.
-    fn say_trip(&mut self, trip: &Trip) {
+    fn report_trip(&mut self, trip: &Trip) {
         let (Some(slot), Some(seat)) = (self.slot_of(trip.slot), Seat::new(trip.instance)) else {
             return;
         };
         let record = self.machines.get(&slot).and_then(slot::SlotMachine::record);
-        // The consumer may have told of the change first, so that the newest record names the successor.
+        // The consumer may have reported the change first, so that the newest record names the successor.
         let successor = record.and_then(|record| {
             if record.owner == seat { record.fallback } else { Some(record.owner) }
         });
@@ -128,7 +129,7 @@ impl Slots {
             TripReason(trip)
         );
         self.orders.explain(slot, seat, &TripReason(trip).to_string());
-        self.say(text, true);
+        self.add_news(text, true);
     }
 
     fn see_angle(
@@ -155,13 +156,13 @@ impl Slots {
         let candidate = self.machines.get(&slot).and_then(slot::SlotMachine::candidate);
         match (judged, candidate) {
             (Some(Err(refusal)), Some(seat)) => {
-                self.tell(slot, Event::Verdict(seat, Err(refusal)), context)
+                self.feed(slot, Event::Verdict(seat, Err(refusal)), context)
             }
             _ => Ok(()),
         }
     }
 
-    fn consumer_says(
+    fn consumer_follows(
         &mut self,
         slot: Slot,
         followed: &Followed,
@@ -186,7 +187,7 @@ impl Slots {
             state.failed_over = epoch;
             events.push(Event::FailedOver { epoch, at_ns });
         }
-        events.into_iter().try_for_each(|event| self.tell(slot, event, context))
+        events.into_iter().try_for_each(|event| self.feed(slot, event, context))
     }
 
     /// A process that takes too long to come or to go is dealt with.
@@ -203,12 +204,12 @@ impl Slots {
             let (seat, what, _) = state.expected.swap_remove(at);
             let fault = if what == Expected::Hello { Fault::NeverReady } else { Fault::Stalled };
             let place = Place { role: slot.role(), index: seat.into() };
-            let words = context.posts.words_so_far(place);
-            if !words.is_empty() {
+            let stderr = context.posts.stderr_so_far(place);
+            if !stderr.is_empty() {
                 let name = self.orders.name(slot, seat);
-                self.orders.explain(slot, seat, &format!("{name} is killed{words}"));
+                self.orders.explain(slot, seat, &format!("{name} is killed{stderr}"));
             }
-            self.tell(slot, Event::Misbehaved(seat, fault), context)?;
+            self.feed(slot, Event::Misbehaved(seat, fault), context)?;
         }
         Ok(())
     }

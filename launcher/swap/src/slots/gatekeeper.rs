@@ -8,8 +8,8 @@ use vehicle::MorphAngle;
 
 /// Realtime: one of so many steps may be missed.
 const STEPS_PER_PARDON: u64 = 50;
-/// Realtime: what the owner missed is waited for so long; who says nothing has missed nothing \[ns\].
-const OWNER_WORD_NS: u64 = 250_000_000;
+/// Realtime: how long to wait for what the owner missed; one that reports nothing has missed nothing \[ns\].
+const OWNER_REPORT_NS: u64 = 250_000_000;
 /// The consumers' limiters let through so much of a change of kind at once, over the largest command.
 const STEP_SHARE: f64 = 0.1;
 /// Commands kept of each of the two, and readings: more than lockstep lets pass at once.
@@ -18,7 +18,7 @@ const KEPT: usize = 2048;
 /// A candidate that begins from nothing.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Tracks {
-    /// Its commands depend on set points, of which it may have heard none yet.
+    /// Its commands depend on set points, of which it may have received none yet.
     pub(super) needs_setpoint: bool,
     /// Until then it tracks \[ns\].
     pub(super) until_ns: u64,
@@ -26,19 +26,19 @@ pub(super) struct Tracks {
 
 /// Since when a candidate knows what it is to do.
 #[derive(Debug, Clone, Copy)]
-enum Hearing {
+enum HasSetpoint {
     /// From this release on \[ns\].
     Since(u64),
-    /// At this release it had heard nothing \[ns\].
+    /// At this release it had received no set point \[ns\].
     NotAt(u64),
 }
 
-/// How many steps a loop has missed since it was first heard of.
+/// How many steps a loop has missed since its first report.
 #[derive(Debug, Clone, Copy, Default)]
 struct MissedSteps {
     /// Until then: its own way in, or what a tenant before it missed.
     before: Option<u64>,
-    /// In all, and when it said so \[ns\].
+    /// In all, and when it reported them \[ns\].
     steps: u64,
     at_ns: u64,
 }
@@ -61,8 +61,8 @@ pub(super) struct Gatekeeper {
     gate: Gate,
     candidate: u32,
     owner: u32,
-    /// What the candidate says without a set point is not measured.
-    hearing: Hearing,
+    /// What the candidate commands without a set point is not measured.
+    has_setpoint: HasSetpoint,
     /// Until then it tracks \[ns\].
     track_until_ns: u64,
     from_candidate: VecDeque<Commanded>,
@@ -94,9 +94,9 @@ impl Gatekeeper {
             gate: Gate::new(scale.axes(), limits, tracks.is_some()),
             candidate,
             owner,
-            hearing: match tracks {
-                Some(Tracks { needs_setpoint: true, .. }) => Hearing::NotAt(0),
-                _ => Hearing::Since(0),
+            has_setpoint: match tracks {
+                Some(Tracks { needs_setpoint: true, .. }) => HasSetpoint::NotAt(0),
+                _ => HasSetpoint::Since(0),
             },
             track_until_ns: tracks.map_or(0, |tracks| tracks.until_ns),
             from_candidate: VecDeque::with_capacity(KEPT),
@@ -126,13 +126,19 @@ impl Gatekeeper {
         self.compare()
     }
 
-    /// Takes whether the controller that sits there had heard a set point at a release.
+    /// Takes whether the controller on a seat had received a set point at a release.
     ///
     /// # Errors
     /// The candidate did what no controller may do.
-    pub(super) fn hears(&mut self, seat: u32, at_ns: u64, something: bool) -> Result<(), Refusal> {
-        if seat == self.candidate && matches!(self.hearing, Hearing::NotAt(_)) {
-            self.hearing = if something { Hearing::Since(at_ns) } else { Hearing::NotAt(at_ns) };
+    pub(super) fn take_setpoint(
+        &mut self,
+        seat: u32,
+        at_ns: u64,
+        something: bool,
+    ) -> Result<(), Refusal> {
+        if seat == self.candidate && matches!(self.has_setpoint, HasSetpoint::NotAt(_)) {
+            self.has_setpoint =
+                if something { HasSetpoint::Since(at_ns) } else { HasSetpoint::NotAt(at_ns) };
             return self.compare();
         }
         Ok(())
@@ -159,7 +165,7 @@ impl Gatekeeper {
         Some(self.scale.largest(MorphAngle::saturating_from_rad(angle_rad)?))
     }
 
-    /// Compares all that both have said something about.
+    /// Compares everything that both have published commands for.
     fn compare(&mut self) -> Result<(), Refusal> {
         while let Some(candidate) = self.from_candidate.front() {
             let Some(newest) = self.from_owner.back() else { return Ok(()) };
@@ -167,14 +173,14 @@ impl Gatekeeper {
                 return Ok(());
             }
             let Some(u_max) = self.u_max(candidate.release_ns) else { return Ok(()) };
-            let deaf = match self.hearing {
-                Hearing::Since(since_ns) => candidate.release_ns < since_ns,
-                Hearing::NotAt(at_ns) if candidate.release_ns <= at_ns => true,
-                Hearing::NotAt(_) => return Ok(()),
+            let is_without_setpoint = match self.has_setpoint {
+                HasSetpoint::Since(since_ns) => candidate.release_ns < since_ns,
+                HasSetpoint::NotAt(at_ns) if candidate.release_ns <= at_ns => true,
+                HasSetpoint::NotAt(_) => return Ok(()),
             };
             let candidate = *candidate;
             self.from_candidate.pop_front();
-            if deaf {
+            if is_without_setpoint {
                 continue;
             }
             let before = |owner: &&Commanded| owner.effective_ns <= candidate.effective_ns;
@@ -235,7 +241,7 @@ impl Gatekeeper {
     fn judge_missed(&mut self) {
         let MissedSteps { at_ns, .. } = self.candidate_missed;
         let behind_ns = at_ns.saturating_sub(self.owner_missed.at_ns);
-        if self.patient && (1..OWNER_WORD_NS).contains(&behind_ns) {
+        if self.patient && (1..OWNER_REPORT_NS).contains(&behind_ns) {
             return;
         }
         let figures = self.gate.figures();
@@ -285,8 +291,8 @@ mod tests {
 
     fn gatekeeper(patient: bool) -> Gatekeeper {
         let scale = CommandScale::of(Slot::Attitude, &VehicleParameters::default());
-        let who = (CANDIDATE, OWNER);
-        let mut gatekeeper = Gatekeeper::new(scale, GateLimits::SAME_KIND, who, None, patient);
+        let seats = (CANDIDATE, OWNER);
+        let mut gatekeeper = Gatekeeper::new(scale, GateLimits::SAME_KIND, seats, None, patient);
         // What they missed before they flew side by side does not count.
         gatekeeper.missed(OWNER, 30, 900 * MS);
         gatekeeper.missed(CANDIDATE, 7, 1000 * MS);

@@ -24,14 +24,14 @@ pub enum SwapEnd {
     Withdrawn,
 }
 
-/// One request to change who commands a slot, and what came of it.
+/// One request to change which process commands a slot, and what came of it.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct SwapReport {
     /// `attitude` or `position`.
     pub slot: &'static str,
-    /// Who was to command.
+    /// The program that was to command.
     pub to: String,
-    /// Who commanded before.
+    /// The program that commanded before.
     pub from: String,
     /// When it was asked for \[s\].
     pub requested_s: f64,
@@ -49,12 +49,12 @@ pub struct SwapReport {
     pub worst: [f64; 2],
     /// Root mean square of it running free, worst axis.
     pub rms: f64,
-    /// What came of flying the candidate ahead, in words; none if that was not called for.
+    /// What came of flying the candidate ahead, as text; none if that was not called for.
     pub rehearsal: Option<String>,
     /// Difference of the two commands for the instant of the change, as far as it is applied at once,
     /// worst axis over the largest command.
     pub bump: Option<f64>,
-    /// How it ended, in words; of one whose candidate has lost the slot since, why.
+    /// How it ended, as text; of one whose candidate has lost the slot since, why.
     pub outcome: String,
     /// It ended as asked for, whatever has become of the candidate since.
     pub done: bool,

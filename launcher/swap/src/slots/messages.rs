@@ -1,4 +1,4 @@
-//! What is told of a slot: sentences for the flight's log, answers to the client that asked, the table of swaps.
+//! What is reported of a slot: sentences for the flight's log, answers to the client that asked, the table of swaps.
 
 use super::{News, Place, Slots, SwapEnd};
 use shared_types::Slot;
@@ -7,10 +7,10 @@ use slot::{Action, Outcome, Reason, Report, Seat, Step};
 
 impl Slots {
     pub(super) fn report(&mut self, slot: Slot, report: &Report) {
-        let text = self.orders.tell(slot, report);
+        let text = self.orders.notify(slot, report);
         let begun = self.machines.get(&slot).and_then(|m| m.record()).is_none_or(|r| r.epoch > 1);
         if matches!(report, Report::Step(Step::Commands(_))) && !begun {
-            // Who begins is in the scenario, and no news.
+            // Which program begins is in the scenario, and no news.
             return;
         }
         let warning = match report {
@@ -53,7 +53,7 @@ impl Slots {
                 )
             }
         };
-        self.say(text, warning);
+        self.add_news(text, warning);
     }
 
     /// Writes a step into the report of the swap that is going on.
@@ -83,7 +83,7 @@ impl Slots {
                 report.joined_s = Some(s_from_ns(*at_ns));
                 report.same_kind = Some(*same_kind);
             }
-            Step::Rehearsed(_, words) => report.rehearsal = Some(words.clone()),
+            Step::Rehearsed(_, verdict) => report.rehearsal = Some(verdict.clone()),
             Step::RehearsalForced(_, refusal) => {
                 report.rehearsal = Some(format!("overruled: {refusal}"));
             }
@@ -125,10 +125,10 @@ impl Slots {
         }
     }
 
-    fn refuse_rehearsed(&mut self, slot: Slot, words: &str) {
+    fn refuse_rehearsed(&mut self, slot: Slot, refusal: &str) {
         let current = self.states.get(&slot).and_then(|state| state.current);
         if let Some(report) = current.and_then(|at| self.reports.get_mut(at)) {
-            report.rehearsal = Some(words.to_owned());
+            report.rehearsal = Some(refusal.to_owned());
         }
     }
 
@@ -153,7 +153,7 @@ impl Slots {
         }
     }
 
-    pub(super) fn say(&mut self, text: String, warning: bool) {
+    pub(super) fn add_news(&mut self, text: String, warning: bool) {
         self.news.push(News { text, warning });
     }
 

@@ -1,7 +1,7 @@
 //! The slots of a flight: runs the swap protocol between processes, consumers and requests.
 //!
 //! The protocol itself is `slot::supervisor`, which knows neither processes nor clocks. This gives it
-//! events (hellos, deaths, what consumers say, time, requests) and does what it wants done.
+//! events (hellos, deaths, reports of consumers, time, requests) and does what it wants done.
 
 mod actions;
 mod adoption;
@@ -72,7 +72,7 @@ struct SlotState {
     commanding: [Option<usize>; SEATS],
     /// Seats whose processes a fault of the script has struck.
     struck: Vec<Seat>,
-    /// Of the consumer, as far as it has been told to the protocol.
+    /// Of the consumer, as far as the protocol has been given it.
     acknowledged: u64,
     refused_epoch: u64,
     failed_over: u64,
@@ -87,7 +87,7 @@ enum Expected {
 
 /// What of the flight the slots see and act on in one round.
 pub struct SlotContext<'a> {
-    /// Who does what is decided.
+    /// Does what is decided.
     pub posts: &'a mut dyn Posts,
     /// The wiring of the flight.
     pub graph: &'a Graph,
@@ -121,18 +121,18 @@ pub struct Slots {
     vehicle: VehicleParameters,
     rehearsing: Rehearsing,
     config: SlotConfig,
-    /// Wall time that a process may take to say hello \[ns\].
+    /// Wall time that a process may take to send its hello \[ns\].
     startup_ns: u64,
     mode: ClockMode,
     /// What came of each swap so far.
     pub reports: Vec<SwapReport>,
-    /// What is still to be told.
+    /// What is still to be reported.
     pub news: Vec<News>,
 }
 
 impl Slots {
     /// The slots of a flight of `scenario` whose first owners are `specs`, and where others have
-    /// `startup_ns` of wall time to say hello.
+    /// `startup_ns` of wall time to send their hello.
     #[must_use]
     pub fn new(
         mode: ClockMode,
@@ -208,7 +208,7 @@ impl Slots {
         self.mode == ClockMode::Lockstep && named
     }
 
-    /// Lockstep: the end of allowed time until the slots have had their say \[ns\].
+    /// Lockstep: the end of allowed time until the slots have decided \[ns\].
     pub fn cap_ns(&self, allowed_ns: u64) -> u64 {
         let deadlines = self.machines.values().filter_map(slot::SlotMachine::deadline_ns);
         let cap_ns = deadlines.chain(self.departures_ns()).min().unwrap_or(u64::MAX);
@@ -222,7 +222,7 @@ impl Slots {
         self.mode == ClockMode::Lockstep && waits
     }
 
-    /// Instants from which seats are no longer taken whose processes have not gone yet \[ns\]. Time
+    /// Instants from which seats with processes that have not gone yet are no longer taken \[ns\]. Time
     /// waits there: which seat is free for the next process must not depend on how long one takes to
     /// end.
     fn departures_ns(&self) -> impl Iterator<Item = u64> + '_ {
@@ -241,21 +241,21 @@ impl Slots {
             self.see(&seen, context)?;
         }
         for event in context.posts.take_events() {
-            self.hear(&event, context)?;
+            self.take_event(&event, context)?;
         }
         self.take_rehearsals(context)?;
         for slot in Slot::ALL {
             self.check_timeouts(slot, context)?;
             let deadline_ns = self.machines.get(&slot).and_then(slot::SlotMachine::deadline_ns);
             if deadline_ns.is_some_and(|at_ns| at_ns <= context.now.logical_ns) {
-                self.tell(slot, Event::Time, context)?;
+                self.feed(slot, Event::Time, context)?;
             }
         }
         Ok(())
     }
 
-    /// Gives an event to the protocol and does what it wants done.
-    fn tell(
+    /// Feeds an event to the protocol and does what it wants done.
+    fn feed(
         &mut self,
         slot: Slot,
         event: Event,
@@ -273,7 +273,7 @@ impl Slots {
         machine?.record().map(|record| record.owner.into())
     }
 
-    /// Seats on which `name` sits, or `NAME@SEAT`; who commands comes first.
+    /// Seats on which `name` sits, or `NAME@SEAT`; the one that commands comes first.
     #[must_use]
     pub fn seats_of(&self, name: &str) -> Vec<Place> {
         let mut places = Vec::new();
@@ -295,7 +295,7 @@ impl Slots {
     /// # Errors
     /// [`FlightError`] if the flight cannot go on.
     pub fn unwatched(&mut self, context: &mut SlotContext<'_>) -> Result<(), FlightError> {
-        Slot::ALL.into_iter().try_for_each(|slot| self.tell(slot, Event::Unwatched, context))
+        Slot::ALL.into_iter().try_for_each(|slot| self.feed(slot, Event::Unwatched, context))
     }
 
     /// A scripted fault: the process on a seat has been stopped, and is to be counted as silent.
@@ -311,7 +311,7 @@ impl Slots {
             return Ok(());
         };
         self.lost(slot, seat, context);
-        self.tell(slot, Event::Misbehaved(seat, Fault::Stalled), context)
+        self.feed(slot, Event::Misbehaved(seat, Fault::Stalled), context)
     }
 }
 

@@ -27,7 +27,7 @@ impl Slots {
         let begin_ns = Planner::begin_ns(order, context.graph, now.logical_ns, now.allowed_ns);
         let reply = match context.carry_out(order, begin_ns, false) {
             Ok(report) => {
-                self.say(format!("ordered {}", report.sentence()), false);
+                self.add_news(format!("ordered {}", report.sentence()), false);
                 Reply::Ordered(report)
             }
             Err(refused) => {

@@ -80,7 +80,7 @@ impl Slots {
         let Some(report) = self.reports.last_mut() else { return };
         report.rehearsal = Some("skipped, as requested".to_owned());
         let text = format!("{} slot: {} is not rehearsed, as requested", slot.label(), report.to);
-        self.say(text, true);
+        self.add_news(text, true);
     }
 
     fn rehearsal_of(
@@ -161,7 +161,7 @@ impl Slots {
         let state = self.states.get_mut(&slot);
         let underway = state.and_then(|state| state.rehearsal.take_if(|it| it.seat == seat));
         let Some(Underway { from_ns, .. }) = underway else { return Ok(()) };
-        self.tell(slot, Event::Rehearsed(seat, Rehearsed { from_ns, left_tube, verdict }), context)
+        self.feed(slot, Event::Rehearsed(seat, Rehearsed { from_ns, left_tube, verdict }), context)
     }
 }
 

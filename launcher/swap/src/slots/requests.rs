@@ -70,7 +70,7 @@ impl Slots {
                     report.refuse(&refusal.text);
                     self.reports.push(report);
                 }
-                self.say(refusal.text, true);
+                self.add_news(refusal.text, true);
                 Ok(())
             }
         }
@@ -115,14 +115,14 @@ impl Slots {
         if ordered.skips_rehearsal && !refused {
             self.skip_rehearsal(slot);
         }
-        let (is_answered, told) = (answer.is_some(), self.news.len());
+        let (is_answered, news_before) = (answer.is_some(), self.news.len());
         if let Some(answer) = answer {
             self.orders.follow(ordered, &self.machines, &actions, answer);
         }
         self.carry_out(slot, actions, context)?;
         if refused && is_answered {
             // The client that asked knows, and the flight is none the worse for it.
-            self.news.iter_mut().skip(told).for_each(|news| news.warning = false);
+            self.news.iter_mut().skip(news_before).for_each(|news| news.warning = false);
         }
         if let (Request::Swap(Target::Seated(seat), _), Some(owner), false) =
             (ordered.request, from, refused)

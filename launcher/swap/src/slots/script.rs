@@ -38,9 +38,9 @@ impl Script {
         let faults = fault.iter().map(|f| (ns_from_s(f.at_s), Deed::Fault(f.clone())));
         let orders = order.iter().filter_map(|settings| {
             let (order, at_ns) = (settings.order()?, ns_from_s(settings.at_s));
-            // Pilot and injector run ahead, so they are told ahead; not before every loop flies.
-            let told_ns = at_ns.saturating_sub(Planner::ahead_ns(&order, graph)).max(1);
-            Some((told_ns, Deed::Order(order, at_ns)))
+            // Pilot and injector run ahead, so their orders are sent ahead; not before every loop flies.
+            let send_ns = at_ns.saturating_sub(Planner::ahead_ns(&order, graph)).max(1);
+            Some((send_ns, Deed::Order(order, at_ns)))
         });
         let mut deeds: Vec<_> = standbys.chain(swaps).chain(faults).chain(orders).collect();
         // Stable: what is written first at an instant is done first.
@@ -94,7 +94,7 @@ impl Script {
     }
 }
 
-/// Begins what is told of a fault that was asked for.
+/// Begins every report of a fault that was asked for.
 pub const FAULT: &str = "fault: ";
 
 /// A scripted swap is what a user would have asked for.

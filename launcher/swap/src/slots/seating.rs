@@ -1,4 +1,4 @@
-//! What the recording is told of who sits where, so that every life of a process can be flown again.
+//! What the recording keeps of which process sits where, so that every life of a process can be flown again.
 
 use super::{Executable, SlotContext, Slots};
 use runtime::StateHeader;
@@ -34,7 +34,7 @@ pub(super) fn joined(
 
 impl Slots {
     /// Completes a seating and has it recorded.
-    pub(super) fn tell_seating(
+    pub(super) fn record_seating(
         &self,
         slot: Slot,
         seat: Seat,
@@ -48,7 +48,7 @@ impl Slots {
         let name = executable.map_or("", |executable| executable.candidate.name());
         let config = executable.and_then(|Executable { config, .. }| config.clone());
         let config = config.filter(|_| seating.kind == SeatingKind::Joined);
-        let told = Seating {
+        let complete = Seating {
             header: Header {
                 sequence: u64::from(seating.kind.0) + 1,
                 valid_ns: seating.header.release_ns,
@@ -65,7 +65,7 @@ impl Slots {
             configured: Flag::from(config.is_some()),
             ..seating
         };
-        context.posts.tell_seating(&told, config.as_deref());
+        context.posts.record_seating(&complete, config.as_deref());
     }
 
     /// No process waits any more for the one that sits there, which did not leave in order.
@@ -73,7 +73,7 @@ impl Slots {
         let release_ns = context.now.logical_ns;
         let header = Header { release_ns, ..Header::default() };
         let seating = Seating { header, kind: SeatingKind::Lost, ..Seating::default() };
-        self.tell_seating(slot, seat, seating, context);
+        self.record_seating(slot, seat, seating, context);
     }
 
     /// As [`lost`](Self::lost), of a process that is killed on purpose.

@@ -1,4 +1,4 @@
-//! A trip of the monitor in words: what was measured, and what its limit was.
+//! A trip of the monitor as text: what was measured, and what its limit was.
 
 use core::fmt;
 use shared_types::{Trip, TripCause};

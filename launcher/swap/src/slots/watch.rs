@@ -1,4 +1,4 @@
-//! What the recorder sees of the slots: commands by seat, and whom their consumers follow.
+//! What the recorder sees of the slots: commands by seat, and which seat each consumer follows.
 
 use rehearsal::{Snapshot, Watcher};
 use runtime::seat_of_loop;
@@ -28,7 +28,7 @@ pub struct Commanded {
     pub(super) value: [f64; 4],
 }
 
-/// What a slot's consumer says about whom it follows.
+/// What the consumer of a slot reports about the seat that it follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Followed {
     pub(super) at_ns: u64,
@@ -43,17 +43,17 @@ pub struct Followed {
 #[derive(Debug, Clone, Copy)]
 pub enum Seen {
     Command(Commanded),
-    /// A consumer changed its mind, or says for the first time what it thinks.
+    /// The report of a consumer has changed, or is its first.
     Follows {
         /// Role of the slot.
         slot: Role,
         /// Seat of the consumer.
         by_seat: u32,
-        /// Whom it follows.
+        /// What it follows.
         followed: Followed,
     },
-    /// A controller on this seat of the attitude slot had heard a set point, or none, at an instant.
-    Hears {
+    /// Whether the controller on this seat of the attitude slot had received a set point at an instant.
+    HasSetpoint {
         /// Seat of the candidate.
         seat: u32,
         /// Logical instant \[ns\].
@@ -74,7 +74,7 @@ pub enum Seen {
         /// Logical instant \[ns\].
         at_ns: u64,
     },
-    /// The monitor's word.
+    /// A trip that the monitor has published.
     Trip(Trip),
     /// The encoder's reading.
     Angle {
@@ -84,7 +84,7 @@ pub enum Seen {
         angle_rad: f64,
     },
     /// A process on a seat has left out so many releases since its start. An input that was not there in
-    /// time is no fault of who waited for it.
+    /// time is no fault of the process that waited for it.
     Missed {
         /// Role of the slot.
         slot: Role,
@@ -101,11 +101,11 @@ pub enum Seen {
 #[derive(Debug, Default)]
 pub struct SlotWatch {
     seen: Vec<Seen>,
-    /// What each consumer said last: the plant, then the seats of the attitude slot.
+    /// The last report of each consumer: the plant, then the seats of the attitude slot.
     last: [Followed; 1 + shared_types::SEATS],
     /// When each of them last had something new to follow, and the sequence of that.
     guided: [(u64, u64); 1 + shared_types::SEATS],
-    /// Realtime: instant of the newest estimate \[ns\]; what a consumer tells is seen shortly after it.
+    /// Realtime: instant of the newest estimate \[ns\]; a consumer's report is seen shortly after it.
     estimated_ns: Option<u64>,
     /// Remembers what the vehicle knows, from which candidates are flown ahead.
     known: Option<Watcher>,
@@ -185,7 +185,7 @@ impl SlotWatch {
             };
             let by_seat = applied.header.seat;
             let (at_ns, something) = (followed.at_ns, applied.setpoint_sequence > 0);
-            self.seen.push(Seen::Hears { seat: by_seat, at_ns, something });
+            self.seen.push(Seen::HasSetpoint { seat: by_seat, at_ns, something });
             let place = 1 + usize::try_from(by_seat).unwrap_or(usize::MAX - 1);
             self.follows(Role::Position, by_seat, place, followed);
             self.note_guidance(Role::Position, by_seat, place, followed, applied.setpoint_sequence);
@@ -227,7 +227,7 @@ impl SlotWatch {
         }));
     }
 
-    /// Notes what a consumer says if it is news.
+    /// Notes the report of a consumer if it has changed.
     fn follows(&mut self, slot: Role, by_seat: u32, place: usize, followed: Followed) {
         let Some(last) = self.last.get_mut(place) else { return };
         if (Followed { at_ns: last.at_ns, ..followed }) != *last {
@@ -242,11 +242,11 @@ impl SlotWatch {
         slot: Role,
         by_seat: u32,
         place: usize,
-        said: Followed,
+        followed: Followed,
         sequence: u64,
     ) {
         let Some((since_ns, last)) = self.guided.get_mut(place) else { return };
-        let Followed { at_ns, epoch, .. } = said;
+        let Followed { at_ns, epoch, .. } = followed;
         let is_over = |known_ns: u64| at_ns > known_ns + STALE_NS;
         let has_no_reference = slot == Role::Position
             && self.references.back().is_none_or(|(valid_ns, _)| is_over(*valid_ns));
@@ -259,12 +259,12 @@ impl SlotWatch {
         }
     }
 
-    /// True once the consumers of both slots, or the plant alone if there is only one, have said whom
-    /// they follow.
+    /// True once the consumers of both slots, or the plant alone if there is only one, have reported
+    /// which seat they follow.
     #[must_use]
-    pub fn has_heard(&self, position_too: bool) -> bool {
+    pub fn has_reports(&self, position_too: bool) -> bool {
         let [plant, controllers @ ..] = &self.last;
-        plant.epoch > 0 && (!position_too || controllers.iter().any(|said| said.epoch > 0))
+        plant.epoch > 0 && (!position_too || controllers.iter().any(|last| last.epoch > 0))
     }
 
     /// Everything seen since the last time.
@@ -278,8 +278,8 @@ mod tests {
     use super::*;
 
     /// The plant holds the last command of an owner from 1 s on, and estimates come until `estimated_ms`; how many times
-    /// it is told by 1.5 s that there is nothing to follow.
-    fn told(watch: SlotWatch, estimated_ms: u64) -> usize {
+    /// the watch has reported by 1.5 s that there is nothing to follow.
+    fn unguided(watch: SlotWatch, estimated_ms: u64) -> usize {
         let mut watch = watch;
         for ms in 1_000..1_500_u64 {
             if ms < estimated_ms {
@@ -302,15 +302,15 @@ mod tests {
     #[test]
     fn an_owner_without_estimates_is_not_told_to_be_silent() {
         let by_the_wall = || SlotWatch::default().by_the_wall();
-        assert_eq!(told(by_the_wall(), 1_100), 0, "it has nothing to fly on");
-        assert_eq!(told(by_the_wall(), 1_500), 300, "it says nothing although it could");
-        assert_eq!(told(SlotWatch::default(), 1_100), 300, "lockstep waits for estimates");
+        assert_eq!(unguided(by_the_wall(), 1_100), 0, "it has nothing to fly on");
+        assert_eq!(unguided(by_the_wall(), 1_500), 300, "it says nothing although it could");
+        assert_eq!(unguided(SlotWatch::default(), 1_100), 300, "lockstep waits for estimates");
     }
 
     /// The same of the position slot: estimates come all the time, and references until `referred_ms`.
     #[test]
     fn an_owner_of_the_position_slot_without_references_is_not_silent() {
-        let told = |referred_ms: u64| {
+        let unguided = |referred_ms: u64| {
             let mut watch = SlotWatch::default().by_the_wall();
             for ms in 1_000..1_500_u64 {
                 let ns = ms * 1_000_000;
@@ -329,7 +329,7 @@ mod tests {
             }
             watch.take().iter().filter(|seen| matches!(seen, Seen::Unguided { .. })).count()
         };
-        assert_eq!(told(1_100), 0, "it has nothing to follow");
-        assert_eq!(told(1_500), 300, "it says nothing although it could");
+        assert_eq!(unguided(1_100), 0, "it has nothing to follow");
+        assert_eq!(unguided(1_500), 300, "it says nothing although it could");
     }
 }

@@ -11,7 +11,7 @@ use swap::services::concerns;
 
 /// One topic with its type forgotten.
 pub(super) trait Feed {
-    /// Publishes what has been said since the last time.
+    /// Publishes what has been written since the last time.
     fn pump(&mut self, namespace: &mut Namespace) -> Result<(), PortError>;
     /// Lets a process that has just joined see it.
     fn serve_late_joiners(&mut self);

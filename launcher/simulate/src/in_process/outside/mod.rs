@@ -2,9 +2,9 @@
 //! of our own that shall be flown as what they really are.
 //!
 //! Such a loop sits in a run namespace of its own, in which no other loop is. The flight's thread stands
-//! in for all its neighbours: before each step it publishes what they have said and how far they have got
+//! in for all its neighbours: before each step it publishes what they have written and how far they have got
 //! (`feeds.rs`, `namespace.rs`), wakes the process, waits for its progress (`process.rs`) and puts what it
-//! says on the queues of the flight (`outputs.rs`). What the process sees is a lockstep flight like any
+//! writes on the queues of the flight (`outputs.rs`). What the process sees is a lockstep flight like any
 //! other, step by step, so that the flight has the same bits.
 
 mod feeds;

@@ -55,7 +55,7 @@ struct Neighbour {
 }
 
 impl Neighbour {
-    /// A neighbour that has left has said all it had to say, and a process looks for samples only of
+    /// A neighbour that has left has written all it had to write, and a process looks for samples only of
     /// those whose mark has moved.
     fn fall_silent(&mut self) {
         let (mark_ns, generation) = (u64::MAX, self.generation);
@@ -96,7 +96,7 @@ impl Namespace {
         graph: &Graph,
         seat: Seat,
     ) -> Result<Self, OutsideError> {
-        /// Tells the runs of flights apart that begin side by side.
+        /// Distinguishes the runs of flights that begin side by side.
         static FOUNDED: AtomicU32 = AtomicU32::new(0);
         let _ = sweep_dead_runs();
         let room = MemoryNeed::LOCKSTEP.look(0).map_err(RunError::from);
@@ -128,7 +128,7 @@ impl Namespace {
             registry: RegistryWriter::open(&bus)?,
             clock: bus.open_writer(ServiceKind::Clock)?,
             time: ClockRecord {
-                // When the flight ends is said when it does.
+                // When the flight ends is published when it does.
                 end_ns: u64::MAX,
                 speed: 1.0,
                 mode: ClockMode::Lockstep,
@@ -150,13 +150,13 @@ impl Namespace {
         self.membership.folder()
     }
 
-    /// Enters an instance in the publisher registry and tells the process.
+    /// Enters an instance in the publisher registry and publishes it to the process.
     pub(super) fn enter(&mut self, node: NodeId, place: Seat, generation: u32, period_ns: u64) {
         self.registry.enter(node, place, generation, period_ns);
         self.registry.publish();
     }
 
-    /// Tells how far the neighbours have got, and who has left.
+    /// Publishes how far the neighbours have got, and which have left.
     pub(super) fn publish_marks(&mut self, instances: &[InstanceMark]) -> Result<(), PortError> {
         for instance in instances {
             let InstanceMark { place, generation, mark_ns, .. } = *instance;

@@ -1,4 +1,4 @@
-//! What a process says: its topics and its state, put on the queues of the flight.
+//! What a process publishes: its topics and its state, put on the queues of the flight.
 
 use super::super::observer::ErasedObserver;
 use super::super::wires::{QueueSink, Wires};
@@ -10,7 +10,7 @@ use std::rc::Rc;
 
 /// One topic with its type forgotten.
 trait Gather {
-    /// Passes on what has been said since the last time.
+    /// Passes on what has been published since the last time.
     fn gather(&mut self);
 }
 
@@ -77,7 +77,7 @@ impl Outputs {
         Ok(Self { place, topics, states, state: Vec::new(), observer, observes_states })
     }
 
-    /// Passes on what has been said since the last time.
+    /// Passes on what has been published since the last time.
     pub(super) fn gather(&mut self) {
         self.topics.iter_mut().for_each(|topic| topic.gather());
         let Self { place, states, state, observer, observes_states, .. } = self;

@@ -1,4 +1,4 @@
-//! A process as a loop of the flight: started, told where to begin, stepped, and ended.
+//! A process as a loop of the flight: started, given where to begin, stepped, and ended.
 
 use super::super::checkpoint::Feed as Resumed;
 use super::super::stepper::{InstanceMark, StepContext, Stepper};
@@ -52,14 +52,14 @@ pub(in crate::in_process) struct OutsideLoop {
     outside: Outside,
     layout: u64,
     period_ns: u64,
-    /// Its next release, as it says \[ns\].
+    /// Its next release, as it reports \[ns\].
     next_ns: u64,
     failure: Option<ExitReport>,
     namespace: Namespace,
 }
 
 impl OutsideLoop {
-    /// Starts a process, which will say hello.
+    /// Starts a process, which will send its hello.
     pub(in crate::in_process) fn start(
         start: Start<'_>,
         wires: &mut Wires,
@@ -113,7 +113,7 @@ impl OutsideLoop {
         self.period_ns
     }
 
-    /// Lets the process begin where a hand-over says, in a flight whose loops have got so far; false if
+    /// Lets the process begin where a hand-over states, in a flight whose loops have got so far; false if
     /// it does not.
     fn hand_over(&mut self, order: Handover, state: &[u8], instances: &[InstanceMark]) -> bool {
         let fed = self.feed(instances, 0);
@@ -136,7 +136,7 @@ impl OutsideLoop {
         }))
     }
 
-    /// Shows the process everything that has been said, then how far every loop has got.
+    /// Shows the process everything that has been published, then how far every loop has got.
     fn feed(&mut self, instances: &[InstanceMark], allowed_ns: u64) -> Result<(), PortError> {
         let namespace = &mut self.namespace;
         self.feeds.iter_mut().try_for_each(|feed| feed.pump(namespace))?;
@@ -148,9 +148,9 @@ impl OutsideLoop {
     /// Takes in the hello of the process that was started, and of no other.
     fn take_hello(&mut self) -> bool {
         while let Some((hello, node, pid)) = self.hello.receive_from() {
-            let said = (Seat { role: hello.role, index: hello.seat }, hello.generation);
+            let sender = (Seat { role: hello.role, index: hello.seat }, hello.generation);
             let seat = self.post.seat;
-            if said == (seat, self.post.generation) && self.post.is_controller(pid) {
+            if sender == (seat, self.post.generation) && self.post.is_controller(pid) {
                 (self.layout, self.period_ns) = (hello.state_layout, hello.period_ns);
                 self.namespace.enter(node, seat, hello.generation, hello.period_ns);
                 return true;
@@ -189,7 +189,7 @@ impl OutsideLoop {
                 continue;
             }
             if let Some(how) = self.exited() {
-                // What it said before it went counts.
+                // What it published before it went counts.
                 return if is_done(self) { Ok(()) } else { Err(Stop::Exited(how)) };
             }
             let now_ns = mono_now_ns();
@@ -222,14 +222,14 @@ impl OutsideLoop {
         let mut last_stderr = String::new();
         if let Some(mut child) = self.post.child.take() {
             child.kill();
-            last_stderr = child.last_words();
+            last_stderr = child.last_stderr();
         }
         let (name, at_ns) = (self.post.spec.name.clone(), self.next_ns);
         self.failure = Some(ExitReport { name, at_ns, how, last_stderr });
         false
     }
 
-    /// Lets the process say its last word, and waits until it has gone.
+    /// Lets the process publish its last samples, and waits until it has gone.
     fn leave(&mut self) -> Result<(), Stop> {
         let limit = self.outside.startup_limit;
         self.namespace.end(self.next_ns);
@@ -299,8 +299,8 @@ impl Stepper for OutsideLoop {
         let mark_ns = self.next_ns;
         // It is to see why it leaves.
         let namespace = &mut self.namespace;
-        let told = self.feeds.iter_mut().try_for_each(|feed| feed.pump(namespace));
-        let left = told.map_err(Stop::Port).and_then(|()| self.leave());
+        let fed = self.feeds.iter_mut().try_for_each(|feed| feed.pump(namespace));
+        let left = fed.map_err(Stop::Port).and_then(|()| self.leave());
         self.next_ns = mark_ns;
         self.outputs.gather();
         self.check(match left {
@@ -333,6 +333,6 @@ enum Stop {
     Exited(String),
     /// It did nothing for so long \[s\].
     Hung(f64),
-    /// It could not be told what to do.
+    /// It could not be sent what to do.
     Port(PortError),
 }
