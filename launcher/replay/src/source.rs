@@ -141,6 +141,26 @@ impl Exceptions {
         late || self.is_lost(writer, *header) || self.came_too_late(writer, header)
     }
 
+    /// What a process published and had no time to announce, before it was killed, reaches the readers from its
+    /// successor, which publishes it again with the same number; the recorder keeps the first copy alone. Here such
+    /// samples become the successor's, for a reader that had them from there.
+    fn attribute<T: Sample>(&self, by_writer: &mut BTreeMap<Writer, Vec<T>>) {
+        for (&writer, &first) in self.first.iter().filter(|(_, first)| **first > 0) {
+            let begins = by_writer.get(&writer).and_then(|samples| samples.first());
+            let begins = begins.map_or(u64::MAX, |sample| sample.header().sequence);
+            let before = Writer { generation: 0, ..writer }..writer;
+            let Some((known, samples)) = by_writer.range_mut(before).next_back() else { continue };
+            let Some(&last) = self.last.get(known) else { continue };
+            let at = samples.partition_point(|s| s.header().sequence < first.max(last + 1));
+            let mut copies = samples.split_off(at);
+            copies.retain_mut(|sample| {
+                sample.header_mut().generation = writer.generation;
+                sample.header().sequence < begins
+            });
+            by_writer.entry(writer).or_default().splice(0..0, copies);
+        }
+    }
+
     /// Step at which a late sample arrived \[ns\].
     fn arrival_ns(&self, writer: Writer, sequence: u64) -> Option<u64> {
         let before = self.late.range((writer, 0)..=(writer, sequence)).next_back();
@@ -193,6 +213,7 @@ impl<T: Sample> TapeSource<T> {
         for sample in samples {
             by_writer.entry(Writer::of(sample.header(), topic)).or_default().push(*sample);
         }
+        exceptions.attribute(&mut by_writer);
         let reel = |(writer, samples): (Writer, Vec<T>)| {
             let next = match arrival.at_ns {
                 _ if !exceptions.has_received(writer, &arrival, topic) => samples.len(),
@@ -418,6 +439,44 @@ mod tests {
         let received = core::iter::from_fn(|| source.receive());
         let received: Vec<_> = received.map(|s| (s.header.generation, s.header.sequence)).collect();
         assert_eq!(received, [(0, 7), (2, 8), (2, 9)]);
+    }
+
+    #[test]
+    fn a_copy_that_only_the_recorder_had_of_a_killed_writer_comes_from_its_successor() {
+        let slot = &topics::WRENCH_COMMAND.info;
+        let command = |generation, sequence| {
+            let header = Header { generation, sequence, valid_ns: MS, ..Header::default() };
+            WrenchCommand { header, ..WrenchCommand::default() }
+        };
+        let of = |kind, writer_generation, sequence| Deviation {
+            input: Deviation::input_from(slot.name),
+            writer_generation,
+            ..deviation(kind, 8, sequence, sequence)
+        };
+        let deviations = [of(DeviationKind::Ended, 0, 7), of(DeviationKind::Began, 1, 8)];
+        let played = |recorded: &[WrenchCommand]| {
+            let mut source = TapeSource::new(
+                recorded,
+                slot,
+                Edge::unwaited(slot, Role::Plant),
+                Exceptions::of(slot, deviations.iter()),
+                Arrival::default(),
+                Rc::new(Cell::new(8 * MS)),
+            );
+            let played = core::iter::from_fn(|| source.receive());
+            played.map(|s| (s.header.generation, s.header.sequence)).collect::<Vec<_>>()
+        };
+        let expected = [(0, 7), (1, 8), (1, 9), (1, 10)];
+        assert_eq!(
+            played(&[command(0, 7), command(0, 8), command(0, 9), command(1, 10)]),
+            expected
+        );
+        // A candidate on a seat that another one had before counts from 1.
+        let candidate = [command(0, 7), command(0, 8), command(1, 1), command(1, 8), command(1, 9)];
+        assert_eq!(played(&candidate), [(0, 7), (1, 8), (1, 9)]);
+        // In realtime both copies may be recorded.
+        let both = [command(0, 7), command(0, 8), command(1, 8), command(1, 9), command(1, 10)];
+        assert_eq!(played(&both), expected);
     }
 
     #[test]
