@@ -266,7 +266,16 @@ impl InputVisitor for ReportInputs<'_> {
                 late.get_or_insert(first).last = header.sequence;
             }
         }
-        for deviation in late.into_iter().flatten() {
+        let left_out = (0..).zip(input.left_out()).filter_map(|(seat, range)| Some((seat, range?)));
+        let left_out = left_out.map(|(writer_seat, range)| Deviation {
+            first: range.first,
+            last: range.last,
+            due_ns: range.due_ns,
+            writer_seat,
+            writer_generation: range.generation,
+            ..Deviation::default()
+        });
+        for deviation in late.into_iter().flatten().chain(left_out) {
             self.report.write(DeviationKind::LateSamples, name, deviation);
         }
         Ok(())

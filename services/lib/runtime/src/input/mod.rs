@@ -103,6 +103,18 @@ impl Newest {
     }
 }
 
+/// Samples of one process that came after the step that they were due at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct LateRange {
+    pub(crate) generation: u32,
+    /// Sequence.
+    pub(crate) first: u64,
+    /// Sequence.
+    pub(crate) last: u64,
+    /// When the first of them should have been in effect \[ns\].
+    pub(crate) due_ns: u64,
+}
+
 /// One input: the samples accepted but not yet effective, the new ones and the latest.
 ///
 /// A topic of a slot has a writer on each of the slot's seats. The component judges by owner
@@ -134,6 +146,10 @@ pub struct Input<T> {
     /// Of a slot: which seats' samples count when. No loop waits for the others, so their arrival
     /// depends on chance, and they are left out.
     slot: Option<SlotBook>,
+    /// What was known of that before the last news, and the last step that went by it \[ns\].
+    superseded: Option<(SlotBook, u64)>,
+    /// Of each seat: samples that came late and were left out, though they would have counted at their step.
+    left_out: [Option<LateRange>; SEATS],
     /// Of owner records: all that have been received, and whether there are new ones.
     book: SlotBook,
     news: Option<Role>,
@@ -167,6 +183,8 @@ impl<T: Sample> Default for Input<T> {
             known_until_ns: None,
             heard_from: [0; SEATS],
             slot: None,
+            superseded: None,
+            left_out: [None; SEATS],
             book: SlotBook::default(),
             news: None,
             counts: InputCounts::default(),
@@ -245,6 +263,7 @@ impl<T: Sample> Input<T> {
     /// the step before, from which lateness is judged.
     pub fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
         self.fresh_from = self.effective.len();
+        self.left_out = [None; SEATS];
         (self.newest_before, self.ignored_before) = (self.newest, self.ignored);
         while let Some(Arrived { sample, receive_mono_ns }) = self.pending.front() {
             let header = *sample.header();
@@ -252,6 +271,7 @@ impl<T: Sample> Input<T> {
                 break;
             }
             if self.slot.is_some_and(|slot| !slot.counts(header.seat, header.valid_ns)) {
+                self.leave_out(&header);
                 self.pending.pop_front();
                 continue;
             }
@@ -283,6 +303,26 @@ impl<T: Sample> Input<T> {
         }
     }
 
+    /// Takes note of a sample of a seat that does not count any more, if it would have been followed at its step: the
+    /// record that ends the seat came late, and the sample too. A replay needs to know that it was.
+    fn leave_out(&mut self, header: &Header) {
+        let Header { seat, generation, sequence, valid_ns, .. } = *header;
+        let counted = |(book, until_ns): (SlotBook, u64)| {
+            self.in_effect(valid_ns, until_ns) && book.counts(seat, valid_ns)
+        };
+        if !self.superseded.is_some_and(counted) {
+            return;
+        }
+        self.counts.late += 1;
+        let index = usize::try_from(seat).unwrap_or(SEATS);
+        let Some(range) = self.left_out.get_mut(index) else { return };
+        let new = LateRange { generation, first: sequence, last: sequence, due_ns: valid_ns };
+        match range.as_mut().filter(|range| range.generation == generation) {
+            Some(range) => range.last = sequence,
+            None => *range = Some(new),
+        }
+    }
+
     /// Lets what is in effect at `t_ns` be known without being new: a loop that joins a flight begins
     /// with the samples of its first period.
     pub fn skip_until(&mut self, t_ns: u64) {
@@ -308,9 +348,10 @@ impl<T: Sample> Input<T> {
     }
 
     /// Takes in which seat owns the slot from when, if this input comes from it.
-    pub fn learn_owners(&mut self, role: Role, slot: &SlotBook) {
+    /// `previous_ns` is the last step, which did not know that yet.
+    pub fn learn_owners(&mut self, role: Role, slot: &SlotBook, previous_ns: Option<u64>) {
         if self.edge.is_some_and(|edge| edge.from == role) {
-            self.slot = Some(*slot);
+            self.superseded = self.slot.replace(*slot).zip(previous_ns);
         }
     }
 
@@ -407,6 +448,11 @@ impl<T: Sample> Input<T> {
         self.newest_before
     }
 
+    /// Of each seat: what came late at this step and was left out, see [`LateRange`].
+    pub(crate) fn left_out(&self) -> [Option<LateRange>; SEATS] {
+        self.left_out
+    }
+
     /// Of each seat: what it published before this step's first sample of it is not missing.
     pub(crate) fn ignored_before(&self) -> [bool; SEATS] {
         self.ignored_before
@@ -452,6 +498,7 @@ impl<T: Sample> Input<T> {
         self.effective.extend(latest);
         self.fresh_from = self.effective.len();
         self.receive_mono_ns = 0;
+        self.superseded = None;
         (self.newest, self.ignored) = ([None; SEATS], [false; SEATS]);
         if let Some(latest) = latest {
             self.learn(&latest);

@@ -72,7 +72,7 @@ pub trait InputSet: Default {
     /// See [`Input::hear_from`].
     fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]);
     /// See [`Input::learn_owners`].
-    fn learn_owners(&mut self, role: Role, slot: &SlotBook);
+    fn learn_owners(&mut self, role: Role, slot: &SlotBook, previous_ns: Option<u64>);
 }
 
 /// Declares a service's inputs: `inputs! { pub struct Inputs { imu: Imu = IMU, .. } }`. The first
@@ -124,7 +124,7 @@ macro_rules! inputs {
             }
             fn spread_owner_news(&mut self, previous_ns: Option<u64>) {
                 $(if let Some((role, book)) = self.$field.owner_news(previous_ns) {
-                    self.learn_owners(role, &book);
+                    self.learn_owners(role, &book, previous_ns);
                 })*
                 let _ = previous_ns;
             }
@@ -163,9 +163,10 @@ macro_rules! inputs {
                 &mut self,
                 role: ::shared_types::Role,
                 slot: &$crate::ownership::SlotBook,
+                previous_ns: Option<u64>,
             ) {
-                $(self.$field.learn_owners(role, slot);)*
-                let _ = (role, slot);
+                $(self.$field.learn_owners(role, slot, previous_ns);)*
+                let _ = (role, slot, previous_ns);
             }
             fn hear_from(&mut self, heard_from: &[u32; ::shared_types::Seat::COUNT]) {
                 $(self.$field.hear_from(heard_from);)*

@@ -281,7 +281,7 @@ fn what_a_seat_says_while_it_does_not_count_is_not_missing_afterwards() {
         book.learn(&record);
     }
     let input = bench.executor.component.input(&topics::IMU).expect("it reads that");
-    input.learn_owners(topics::WRENCH_COMMAND.info.from, &book);
+    input.learn_owners(topics::WRENCH_COMMAND.info.from, &book, None);
     // What it published meanwhile arrived, or did not, by chance.
     for (sequence, instant_ms) in [(1, 0), (2, 1), (3, 2), (5, 4), (7, 6), (8, 7)] {
         bench.publish((1, 0), sequence, instant_ms);
@@ -301,6 +301,45 @@ fn what_a_seat_says_while_it_does_not_count_is_not_missing_afterwards() {
     // the second one is a loss.
     assert_eq!(lost, [(4, 6, 6), (9, 10, 0)]);
     assert_eq!(bench.executor.component.counts().lost, 2);
+}
+
+#[test]
+fn what_comes_late_together_with_the_record_that_ends_its_seat_is_late() {
+    let mut bench = Bench::new(MissPolicy::CatchUp, 0);
+    bench.comes_from_a_slot();
+    let mut book = SlotBook::default();
+    let mut learn = |bench: &mut Bench, epoch, owner, from_ms: u64, previous_ns| {
+        let header = Header { valid_ns: from_ms * MS, ..Header::default() };
+        let record = OwnerRecord { header, epoch, owner, fallback: 2, ..OwnerRecord::default() };
+        book.learn(&record);
+        let input = bench.executor.component.input(&topics::IMU).expect("it reads that");
+        input.learn_owners(topics::WRENCH_COMMAND.info.from, &book, previous_ns);
+    };
+    let step = |bench: &mut Bench| {
+        bench.executor.component.receive();
+        bench.executor.run_step(StepStamps::UNTIMED);
+        let late =
+            bench.take_deviations().into_iter().filter(|d| d.kind == DeviationKind::LateSamples);
+        let of = |d: Deviation| (d.writer_seat, d.first, d.last, d.due_ns / MS);
+        late.map(of).collect::<Vec<_>>()
+    };
+    learn(&mut bench, 1, 1, 0, None);
+    bench.publish((1, 0), 1, 0);
+    assert_eq!(step(&mut bench), []);
+    assert_eq!(step(&mut bench), []);
+    assert_eq!(step(&mut bench), []);
+    // At 1 ms it counted, at 2 ms not any more; had they been punctual, a step would have had both. Those of a seat that
+    // never counted are of no interest.
+    learn(&mut bench, 2, 0, 2, Some(2 * MS));
+    for (seat, sequence, valid_ms) in [(1, 2, 1), (1, 3, 2), (1, 4, 2), (3, 9, 2)] {
+        bench.publish((seat, 0), sequence, valid_ms);
+    }
+    assert_eq!(step(&mut bench), [(1, 2, 2, 1), (1, 3, 4, 2)]);
+    assert_eq!(bench.executor.component.counts().late, 3);
+    // One step later it still is what the step at 2 ms would have taken in; what is due later was known not to count.
+    bench.publish((1, 0), 5, 2);
+    bench.publish((1, 0), 6, 3);
+    assert_eq!(step(&mut bench), [(1, 5, 5, 2)]);
 }
 
 #[test]
