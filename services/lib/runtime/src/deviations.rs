@@ -3,6 +3,7 @@
 //! What a step should have seen follows from edges and time, so only the exceptions are reported:
 //! with them a recording determines every step, also of a realtime flight.
 
+use crate::input::left_out::LateRange;
 use crate::input::{Input, InputVisitor, Newest};
 use crate::output::Output;
 use crate::state_header::StateHeader;
@@ -112,6 +113,14 @@ impl<'a> Report<'a> {
         self.write(kind, input, deviation);
     }
 
+    /// Reports samples that came after their step.
+    fn late(&mut self, input: &str, writer_seat: u32, late: &LateRange) {
+        let LateRange { generation: writer_generation, first, last, due_ns } = *late;
+        let default = Deviation::default();
+        let late = Deviation { first, last, due_ns, writer_seat, writer_generation, ..default };
+        self.write(DeviationKind::LateSamples, input, late);
+    }
+
     fn range(&mut self, kind: DeviationKind, input: &str, first: u64, last: u64) {
         self.write(kind, input, Deviation { first, last, ..Deviation::default() });
     }
@@ -212,7 +221,7 @@ impl InputVisitor for ReportInputs<'_> {
     ) -> Result<(), Infallible> {
         let name = topic.info.name;
         let (mut newest, mut ignored) = (input.newest_before(), input.ignored_before());
-        let mut late: [Option<Deviation>; SEATS] = [None; SEATS];
+        let mut late: [Option<LateRange>; SEATS] = [None; SEATS];
         let counts_anew = input.counts_anew();
         if self.begins {
             self.report.known(name, input);
@@ -253,30 +262,20 @@ impl InputVisitor for ReportInputs<'_> {
             self.report.lost(name, header, missing, counts_again, generation);
             if self.previous_ns.is_some_and(|p| input.in_effect(header.valid_ns, p)) {
                 // Numbers are each writer's own: a range never spans two of them.
-                if let Some(before) = late.take_if(|l| l.writer_generation != generation) {
-                    self.report.write(DeviationKind::LateSamples, name, before);
+                if let Some(before) = late.take_if(|late| late.generation != generation) {
+                    self.report.late(name, header.seat, &before);
                 }
-                let first = Deviation {
-                    first: header.sequence,
-                    due_ns: header.valid_ns,
-                    writer_seat: header.seat,
-                    writer_generation: generation,
-                    ..Deviation::default()
-                };
-                late.get_or_insert(first).last = header.sequence;
+                let Header { sequence, valid_ns: due_ns, .. } = *header;
+                let new = LateRange { generation, first: sequence, last: sequence, due_ns };
+                late.get_or_insert(new).last = sequence;
             }
         }
-        let left_out = (0..).zip(input.left_out()).filter_map(|(seat, range)| Some((seat, range?)));
-        let left_out = left_out.map(|(writer_seat, range)| Deviation {
-            first: range.first,
-            last: range.last,
-            due_ns: range.due_ns,
-            writer_seat,
-            writer_generation: range.generation,
-            ..Deviation::default()
-        });
-        for deviation in late.into_iter().flatten().chain(left_out) {
-            self.report.write(DeviationKind::LateSamples, name, deviation);
+        for ranges in [late, input.left_out()] {
+            for (seat, range) in (0..).zip(ranges) {
+                if let Some(range) = range {
+                    self.report.late(name, seat, &range);
+                }
+            }
         }
         Ok(())
     }

@@ -1,9 +1,11 @@
 //! One input of a service: what has arrived, what is in effect, what is new.
 
+pub(crate) mod left_out;
 mod set;
 
 pub use set::{InputPort, InputSet, InputVisitor};
 
+use self::left_out::{LateRange, LeftOut};
 use crate::graph::{Edge, READER_CAPACITY, Roles};
 use crate::ownership::SlotBook;
 use shared_types::wire::Value;
@@ -103,18 +105,6 @@ impl Newest {
     }
 }
 
-/// Samples of one process that came after the step that they were due at.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct LateRange {
-    pub(crate) generation: u32,
-    /// Sequence.
-    pub(crate) first: u64,
-    /// Sequence.
-    pub(crate) last: u64,
-    /// When the first of them should have been in effect \[ns\].
-    pub(crate) due_ns: u64,
-}
-
 /// One input: the samples accepted but not yet effective, the new ones and the latest.
 ///
 /// A topic of a slot has a writer on each of the slot's seats. The component judges by owner
@@ -146,10 +136,7 @@ pub struct Input<T> {
     /// Of a slot: which seats' samples count when. No loop waits for the others, so their arrival
     /// depends on chance, and they are left out.
     slot: Option<SlotBook>,
-    /// What was known of that before the last news, and the last step that went by it \[ns\].
-    superseded: Option<(SlotBook, u64)>,
-    /// Of each seat: samples that came late and were left out, though they would have counted at their step.
-    left_out: [Option<LateRange>; SEATS],
+    left_out: LeftOut,
     /// Of owner records: all that have been received, and whether there are new ones.
     book: SlotBook,
     news: Option<Role>,
@@ -183,8 +170,7 @@ impl<T: Sample> Default for Input<T> {
             known_until_ns: None,
             heard_from: [0; SEATS],
             slot: None,
-            superseded: None,
-            left_out: [None; SEATS],
+            left_out: LeftOut::default(),
             book: SlotBook::default(),
             news: None,
             counts: InputCounts::default(),
@@ -263,7 +249,7 @@ impl<T: Sample> Input<T> {
     /// the step before, from which lateness is judged.
     pub fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
         self.fresh_from = self.effective.len();
-        self.left_out = [None; SEATS];
+        self.left_out.begin_step();
         (self.newest_before, self.ignored_before) = (self.newest, self.ignored);
         while let Some(Arrived { sample, receive_mono_ns }) = self.pending.front() {
             let header = *sample.header();
@@ -271,7 +257,9 @@ impl<T: Sample> Input<T> {
                 break;
             }
             if self.slot.is_some_and(|slot| !slot.counts(header.seat, header.valid_ns)) {
-                self.leave_out(&header);
+                let edge = &self.edge;
+                let in_effect = |t_ns| is_in_effect(edge.as_ref(), header.valid_ns, t_ns);
+                self.counts.late += u64::from(self.left_out.is_late(&header, in_effect));
                 self.pending.pop_front();
                 continue;
             }
@@ -303,26 +291,6 @@ impl<T: Sample> Input<T> {
         }
     }
 
-    /// Takes note of a sample of a seat that does not count any more, if it would have been followed at its step: the
-    /// record that ends the seat came late, and the sample too. A replay needs to know that it was.
-    fn leave_out(&mut self, header: &Header) {
-        let Header { seat, generation, sequence, valid_ns, .. } = *header;
-        let counted = |(book, until_ns): (SlotBook, u64)| {
-            self.in_effect(valid_ns, until_ns) && book.counts(seat, valid_ns)
-        };
-        if !self.superseded.is_some_and(counted) {
-            return;
-        }
-        self.counts.late += 1;
-        let index = usize::try_from(seat).unwrap_or(SEATS);
-        let Some(range) = self.left_out.get_mut(index) else { return };
-        let new = LateRange { generation, first: sequence, last: sequence, due_ns: valid_ns };
-        match range.as_mut().filter(|range| range.generation == generation) {
-            Some(range) => range.last = sequence,
-            None => *range = Some(new),
-        }
-    }
-
     /// Lets what is in effect at `t_ns` be known without being new: a loop that joins a flight begins
     /// with the samples of its first period.
     pub fn skip_until(&mut self, t_ns: u64) {
@@ -351,7 +319,8 @@ impl<T: Sample> Input<T> {
     /// `previous_ns` is the last step, which did not know that yet.
     pub fn learn_owners(&mut self, role: Role, slot: &SlotBook, previous_ns: Option<u64>) {
         if self.edge.is_some_and(|edge| edge.from == role) {
-            self.superseded = self.slot.replace(*slot).zip(previous_ns);
+            self.left_out.supersede(self.slot.as_ref(), previous_ns);
+            self.slot = Some(*slot);
         }
     }
 
@@ -375,7 +344,7 @@ impl<T: Sample> Input<T> {
     }
 
     pub(crate) fn in_effect(&self, valid_ns: u64, t_ns: u64) -> bool {
-        self.edge.map_or(valid_ns <= t_ns, |edge| edge.in_effect(valid_ns, t_ns))
+        is_in_effect(self.edge.as_ref(), valid_ns, t_ns)
     }
 
     /// True if a process that takes the producer's place begins to count anew.
@@ -450,7 +419,7 @@ impl<T: Sample> Input<T> {
 
     /// Of each seat: what came late at this step and was left out, see [`LateRange`].
     pub(crate) fn left_out(&self) -> [Option<LateRange>; SEATS] {
-        self.left_out
+        self.left_out.ranges()
     }
 
     /// Of each seat: what it published before this step's first sample of it is not missing.
@@ -498,7 +467,7 @@ impl<T: Sample> Input<T> {
         self.effective.extend(latest);
         self.fresh_from = self.effective.len();
         self.receive_mono_ns = 0;
-        self.superseded = None;
+        self.left_out = LeftOut::default();
         (self.newest, self.ignored) = ([None; SEATS], [false; SEATS]);
         if let Some(latest) = latest {
             self.learn(&latest);
@@ -510,6 +479,11 @@ impl<T: Sample> Input<T> {
             *newest = Some(Newest::of(header));
         }
     }
+}
+
+/// Whether a sample takes effect by an instant, at its own where there is no edge.
+fn is_in_effect(edge: Option<&Edge>, valid_ns: u64, t_ns: u64) -> bool {
+    edge.map_or(valid_ns <= t_ns, |edge| edge.in_effect(valid_ns, t_ns))
 }
 
 /// Order of samples within one input.
