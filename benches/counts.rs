@@ -3,7 +3,7 @@
 //! `cargo bench --bench counts` compares with `benches/counts.toml` and fails if a kernel needs more than
 //! it did, by more than what libraries of another machine explain. After a change that is meant,
 //! `MORPHQUAD_COUNTS=write cargo bench --bench counts` writes the file anew. Without valgrind (Debian:
-//! `apt install valgrind`) it says so and counts nothing. Steps run without a look at the clock, whose fast path
+//! `apt install valgrind`) it prints a note and counts nothing. Steps run without a look at the clock, whose fast path
 //! valgrind does not have.
 
 #[allow(dead_code, reason = "each bench uses its own part")]

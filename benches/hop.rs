@@ -28,7 +28,7 @@ struct Ported {
     output: Output<StateEstimate>,
     input: Input<StateEstimate>,
     release_ns: u64,
-    /// Tells the reader that it may listen to this process.
+    /// Keeps this process registered, so that the reader accepts its samples.
     registry: Held,
 }
 
@@ -115,7 +115,7 @@ fn compare(ported: &mut Ported, bare: &mut Bare) {
     let _ = writeln!(std::io::stdout(), "median hop: {line}");
 }
 
-/// What a step and its hop do only for `morphquad trace`: three stamps, and the header's words.
+/// What a step and its hop do only for `morphquad trace`: three stamps, and the header's fields.
 fn tracing(ported: &mut Ported) {
     let stamps = |ported: &Ported| {
         let (receive_mono_ns, start_mono_ns) = (mono_now_ns(), mono_now_ns());

@@ -56,7 +56,7 @@ struct ScaleRow {
     path_us: [f64; 2],
     /// The largest share of releases that a loop missed.
     miss_share: f64,
-    /// Whose that was.
+    /// The loop with that share.
     worst_loop: String,
     /// True if every loop of every vehicle held its rate.
     holds: bool,
@@ -65,9 +65,9 @@ struct ScaleRow {
 }
 
 /// Flies so many at once.
-fn fly(words: &[String], vehicles: usize) -> Result<ScaleRow, BenchError> {
+fn fly(arguments: &[String], vehicles: usize) -> Result<ScaleRow, BenchError> {
     let flights = (0..vehicles)
-        .map(|_| Flight::start(flown::morphquad(), words))
+        .map(|_| Flight::start(flown::morphquad(), arguments))
         .collect::<Result<Vec<_>, _>>()?;
     let ended: Result<Vec<Flown>, _> = flights.into_iter().map(Flight::wait).collect();
     Ok(row(vehicles, &ended?))
@@ -111,9 +111,9 @@ impl ScaleRow {
                 (self.miss_share, self.worst_loop) = (share, l.name.clone());
             }
             if l.role == "attitude"
-                && let Some(told) = l.figures.get("lateness")
+                && let Some(figure) = l.figures.get("lateness")
             {
-                raise(&mut self.lateness_us, &told.flown);
+                raise(&mut self.lateness_us, &figure.flown);
             }
         }
         if let Some(path) = report.paths.first() {
@@ -122,9 +122,9 @@ impl ScaleRow {
     }
 }
 
-fn raise(worst: &mut [f64; 2], told: &Quantiles) {
+fn raise(worst: &mut [f64; 2], quantiles: &Quantiles) {
     for (worst, rank) in worst.iter_mut().zip([Rank::P50, Rank::P99]) {
-        *worst = worst.max(told.at(rank));
+        *worst = worst.max(quantiles.at(rank));
     }
 }
 
@@ -152,14 +152,14 @@ fn table(rows: &[ScaleRow]) -> Table {
     table
 }
 
-fn told(options: &Options) -> Result<String, BenchError> {
+fn report(options: &Options) -> Result<String, BenchError> {
     let place = Place::take(options.place.policy, options.place.priority, options.place.cpus())?;
     Scenario::load(&options.scenario.scenario, &options.scenario.overrides()?)?;
-    let words = scenario_words(&options.scenario, "5s");
-    let words: Vec<String> = words.into_iter().chain(options.place.words()).collect();
+    let arguments = scenario_words(&options.scenario, "5s");
+    let arguments: Vec<String> = arguments.into_iter().chain(options.place.words()).collect();
     let most = usize::from(options.max);
     let doubled = core::iter::successors(Some(1), |n| Some(2 * n)).take_while(|n| *n < most);
-    let rows = doubled.chain([most]).map(|vehicles| fly(&words, vehicles));
+    let rows = doubled.chain([most]).map(|vehicles| fly(&arguments, vehicles));
     let rows = rows.collect::<Result<Vec<_>, _>>()?;
     if options.format == Format::Json {
         return Ok(serde_json::json!({ "place": place, "sizes": rows }).to_string());
@@ -182,7 +182,7 @@ fn main() -> ExitCode {
     if let Some(code) = flown::run_if_flown() {
         return code;
     }
-    match told(&Options::parse()) {
+    match report(&Options::parse()) {
         Ok(text) => {
             // A closed pipe changes nothing.
             let _ = writeln!(std::io::stdout(), "{text}");

@@ -4,18 +4,19 @@ mod flight;
 
 use core::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
-use flight::{Laws, Told, fly, laws};
+use flight::{Laws, RecordedInputs, fly, laws};
 use std::io::Write as _;
 
 fn solve(criterion: &mut Criterion) {
-    let Told { attitude: told_attitude, position: told_position, constrained } = fly();
+    let RecordedInputs { attitude: attitude_inputs, position: position_samples, constrained } =
+        fly();
     let _ = writeln!(
         std::io::stdout(),
         "at a bound: attitude in {} of {} samples, position in {} of {}",
         constrained[0],
-        told_attitude.len(),
+        attitude_inputs.len(),
         constrained[1],
-        told_position.len(),
+        position_samples.len(),
     );
     let Laws { mut attitude, mut position } = laws();
     let (attitude_start, position_start) = (*attitude.memory(), *position.memory());
@@ -23,21 +24,21 @@ fn solve(criterion: &mut Criterion) {
     let mut k = 0;
     group.bench_function("attitude", |b| {
         b.iter(|| {
-            if k % told_attitude.len() == 0 {
+            if k % attitude_inputs.len() == 0 {
                 let _ = attitude.restore(&attitude_start);
             }
             k += 1;
-            black_box(attitude.step(&told_attitude[(k - 1) % told_attitude.len()]))
+            black_box(attitude.step(&attitude_inputs[(k - 1) % attitude_inputs.len()]))
         });
     });
     let mut k = 0;
     group.bench_function("position", |b| {
         b.iter(|| {
-            if k % told_position.len() == 0 {
+            if k % position_samples.len() == 0 {
                 let _ = position.restore(&position_start);
             }
             k += 1;
-            black_box(position.step(&told_position[(k - 1) % told_position.len()].input()))
+            black_box(position.step(&position_samples[(k - 1) % position_samples.len()].input()))
         });
     });
     group.finish();

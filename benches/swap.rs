@@ -5,7 +5,7 @@
 //! second the one without. It prints the deadlines missed in either, how long a flip takes after the
 //! shadow window, and what a timer of the same rate missed meanwhile that has nothing to do with the flight.
 //! With `-- --rehearse` each swap is rehearsed, and blocks are 6 s long. `--speed 0.5` is for machines that
-//! cannot keep up, and is said.
+//! cannot keep up; the output names the speed.
 
 mod flown;
 
@@ -65,7 +65,7 @@ impl Options {
     }
 }
 
-/// Deadlines missed in a block: by all who fly and by the shadow, each with the swap and without.
+/// Deadlines missed in a block: by all loops that fly and by the shadow, each with the swap and without.
 type Block = [[u64; 2]; 2];
 
 fn main() -> ExitCode {
@@ -109,7 +109,7 @@ fn measure(options: &Options) -> Result<()> {
         let Some(block) = block else { continue };
         let share = at_s / options.every_s() - nth;
         let shadows = deviation.role == Role::Attitude
-            // Of the number that tells lives apart: role, then seat.
+            // The header's number distinguishes processes: role, then seat.
             && deviation.header.seat / 8 % 4 != owner_at(&owners, deviation.header.release_ns);
         block[usize::from(shadows)][usize::from(share >= 0.5)] += count(&deviation);
     }
@@ -193,11 +193,11 @@ fn print(options: &Options, summary: &Value, blocks: &[Block], releases_hz: f64)
         writeln!(out, "  not done: {}", report["outcome"])?;
     }
     let all_s = half_s * blocks.len() as f64;
-    for (row, who) in ["all loops that fly", "the shadow"].iter().enumerate() {
+    for (row, loops) in ["all loops that fly", "the shadow"].iter().enumerate() {
         let [with, without] = [0, 1].map(|half| blocks.iter().map(|b| b[row][half]).sum::<u64>());
         writeln!(
             out,
-            "deadlines missed per second by {who}: {:.2} with a swap, {:.2} without ({with} and {without})",
+            "deadlines missed per second by {loops}: {:.2} with a swap, {:.2} without ({with} and {without})",
             with as f64 / all_s,
             without as f64 / all_s,
         )?;
@@ -252,7 +252,7 @@ fn print_flips(out: &mut impl Write, options: &Options, done: &[&Value]) -> Resu
     Ok(())
 }
 
-/// Mean of what the blocks say, and its one-sided limit at 95 %: by the central limit theorem, which tens of
+/// Mean of the values of the blocks, and its one-sided limit at 95 %: by the central limit theorem, which tens of
 /// blocks are enough for.
 fn upper_limit(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;

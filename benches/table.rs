@@ -40,25 +40,25 @@ fn main() -> Result<(), Box<dyn Error>> {
     // Cargo starts a bench in the folder of its package; paths are meant from the workspace's.
     std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))?;
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
-    let mut told = String::new();
+    let mut own_output = String::new();
     for bench in BENCHES {
         let output = Command::new(&cargo).args(["bench", "--quiet", "--bench", bench]).output()?;
         if !output.status.success() {
             let why = String::from_utf8_lossy(&output.stderr);
             return Err(format!("the bench {bench} failed: {}", why.trim()).into());
         }
-        told += &own_lines(bench, &String::from_utf8_lossy(&output.stdout));
+        own_output += &own_lines(bench, &String::from_utf8_lossy(&output.stdout));
     }
     let mut rows = Vec::new();
     collect(&target().join("criterion"), &mut rows);
     rows.sort_by(|a, b| a.name.cmp(&b.name));
     let file = std::env::var("MORPHQUAD_TABLE").unwrap_or_else(|_| "bench-results.md".to_owned());
-    std::fs::write(&file, text(&rows, &told)?)?;
+    std::fs::write(&file, text(&rows, &own_output)?)?;
     writeln!(std::io::stdout(), "{} figures in {file}", rows.len())?;
     Ok(())
 }
 
-/// What a bench says besides criterion's lines, which begin with a group or are indented.
+/// What a bench prints besides criterion's lines, which begin with a group or are indented.
 fn own_lines(bench: &str, output: &str) -> String {
     let is_own = |line: &&str| {
         let criterions =
@@ -104,7 +104,7 @@ fn row(new: &Path) -> Option<Row> {
     })
 }
 
-fn text(rows: &[Row], told: &str) -> Result<String, std::fmt::Error> {
+fn text(rows: &[Row], own_output: &str) -> Result<String, std::fmt::Error> {
     let mut out =
         String::from("# Benches\n\nWritten by `cargo bench --bench table`.\n\n## Machine\n\n");
     let Machine { cpu_model, .. } = Machine::read();
@@ -120,6 +120,6 @@ fn text(rows: &[Row], told: &str) -> Result<String, std::fmt::Error> {
     for Row { name, mean_ns, interval_ns: [from, to] } in rows {
         writeln!(out, "| `{name}` | {mean_ns:.1} | {from:.1} | {to:.1} |")?;
     }
-    writeln!(out, "\n## What the benches say besides\n\n```text\n{}```", told)?;
+    writeln!(out, "\n## What the benches say besides\n\n```text\n{}```", own_output)?;
     Ok(out)
 }

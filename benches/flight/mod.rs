@@ -20,7 +20,7 @@ use vehicle::{MorphAngle, VehicleParameters, Wrench, euler_from_quaternion};
 const RATE_HZ: f64 = 100.0;
 const STEPS: u64 = 800;
 
-/// What the position law was told, with its own copy of the preview.
+/// Inputs of one step of the position law, with its own copy of the preview.
 pub(crate) struct PositionSample {
     position: Vector3<f64>,
     velocity: Vector3<f64>,
@@ -69,23 +69,23 @@ pub(crate) fn laws() -> Laws {
     Laws { attitude: attitude.expect("defaults fly"), position: position.expect("defaults fly") }
 }
 
-/// What the laws were told.
-pub(crate) struct Told {
+/// Recorded inputs of the two laws.
+pub(crate) struct RecordedInputs {
     pub(crate) attitude: Vec<AttitudeInput>,
     pub(crate) position: Vec<PositionSample>,
     /// Samples at a bound, attitude and position.
     pub(crate) constrained: [u32; 2],
 }
 
-/// Flies both laws and keeps what they were told.
-pub(crate) fn fly() -> Told {
+/// Flies both laws and records their inputs.
+pub(crate) fn fly() -> RecordedInputs {
     let vehicle = VehicleParameters::default();
     let Laws { mut attitude, mut position } = laws();
     let preview = PositionLawConfig::flight(RATE_HZ / 2.0).horizon.prediction;
     let mut flight = Flight::hover(vehicle, MorphAngle::MIN);
     let hover = Vector3::zeros();
     let mut applied = position_mpc::Setpoint { gamma_rad: hover, thrust_n: vehicle.weight_n() };
-    let (mut told_attitude, mut told_position) = (Vec::new(), Vec::new());
+    let (mut attitude_inputs, mut position_samples) = (Vec::new(), Vec::new());
     let mut constrained = [0_u32; 2];
     for k in 0..STEPS {
         let t_s = k as f64 / RATE_HZ;
@@ -109,7 +109,7 @@ pub(crate) fn fly() -> Told {
         let output = attitude.step(&input);
         constrained[0] += u32::from(output.active > 0);
         flight.command(Wrench { thrust_n: output.thrust_n, torque_b_nm: output.torque_nm });
-        told_attitude.push(input);
+        attitude_inputs.push(input);
         if k % 2 == 0 {
             let ahead = |j: usize| reference(t_s + (j + 1) as f64 * 2.0 / RATE_HZ);
             let sample = PositionSample {
@@ -122,8 +122,8 @@ pub(crate) fn fly() -> Told {
             let output = position.step(&sample.input());
             constrained[1] += u32::from(output.active > 0);
             applied = output.setpoint;
-            told_position.push(sample);
+            position_samples.push(sample);
         }
     }
-    Told { attitude: told_attitude, position: told_position, constrained }
+    RecordedInputs { attitude: attitude_inputs, position: position_samples, constrained }
 }

@@ -67,7 +67,7 @@ pub(crate) fn allowed_cpus() -> Vec<usize> {
 
 struct Member {
     child: Child,
-    says: BufReader<ChildStdout>,
+    stdout: BufReader<ChildStdout>,
 }
 
 impl Member {
@@ -80,13 +80,13 @@ impl Member {
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()?;
-        let says = child.stdout.take().ok_or("no output")?;
-        Ok(Self { child, says: BufReader::new(says) })
+        let stdout = child.stdout.take().ok_or("no output")?;
+        Ok(Self { child, stdout: BufReader::new(stdout) })
     }
 
-    fn hear(&mut self) -> Result<String> {
+    fn read_reply(&mut self) -> Result<String> {
         let mut line = String::new();
-        if self.says.read_line(&mut line)? == 0 {
+        if self.stdout.read_line(&mut line)? == 0 {
             return Err("a process of the ring died".into());
         }
         Ok(line.trim().to_owned())
@@ -112,14 +112,14 @@ fn turn(folder: &Path, waking: Waking, cpus: &[usize]) -> Result<f64> {
         (0..NODES).map(|place| Member::start(place, folder, waking, cpus[place % cpus.len()]));
     let mut members = members.collect::<Result<Vec<_>>>()?;
     for member in &mut members {
-        member.hear()?;
+        member.read_reply()?;
     }
     for member in members.iter_mut().rev() {
         member.go_on()?;
     }
     let mut lap_ns = 0.0;
     for (place, member) in members.iter_mut().enumerate() {
-        let ns: f64 = member.hear()?.parse()?;
+        let ns: f64 = member.read_reply()?.parse()?;
         if place == 0 {
             lap_ns = ns / LAPS as f64;
         }

@@ -24,14 +24,14 @@ fn add(series: &mut Vec<Series>, program: &Program<'_>) {
 
 /// One group per law.
 pub(crate) fn groups() -> Vec<Group> {
-    let told = fly();
+    let recorded = fly();
     let Laws { mut attitude, mut position } = laws();
     let mut series = [Vec::new(), Vec::new()];
-    for input in &told.attitude {
+    for input in &recorded.attitude {
         attitude.step(input);
         add(&mut series[0], &attitude.program());
     }
-    for sample in &told.position {
+    for sample in &recorded.position {
         position.step(&sample.input());
         add(&mut series[1], &position.program());
     }

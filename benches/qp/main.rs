@@ -106,7 +106,7 @@ fn chosen(parts: &[String], name: &str) -> bool {
     parts.is_empty() || parts.iter().any(|part| name.contains(part.as_str()))
 }
 
-/// Keeps this thread on one processor, and says which.
+/// Keeps this thread on one processor, and returns its number.
 fn pin(cpu: Option<usize>) -> Result<usize, Box<dyn core::error::Error>> {
     use rustix::thread::{CpuSet, sched_getcpu, sched_setaffinity};
     let cpu = cpu.unwrap_or_else(sched_getcpu);

@@ -28,7 +28,7 @@ pub(crate) struct Effort {
 /// What the answers were worth.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Accuracy {
-    /// Ticks not solved, by the solver's own word.
+    /// Ticks that the solver itself reported as not solved.
     pub(crate) unsolved: usize,
     pub(crate) worst_iterations: u32,
     /// In units of the rate bound; `None` where no solution is known.

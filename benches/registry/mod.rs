@@ -7,7 +7,7 @@ use shared_types::{Registry, Role};
 /// Keeps the registry for as long as it is listened to.
 pub(crate) type Held = (TopicFactory<Registry>, IpcSink<Registry>);
 
-/// Enters this connection in the registry as `role`, so that its samples are heard.
+/// Enters this connection in the registry as `role`, so that readers accept its samples.
 pub(crate) fn enrol(bus: &Bus, role: Role) -> Result<Held, PortError> {
     bus.lead()?;
     let factory = bus.create_service::<Registry>(ServiceKind::Registry, 2)?;

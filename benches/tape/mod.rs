@@ -166,7 +166,7 @@ impl Flight {
         Self::of(Scenario::load(name, changes)?)
     }
 
-    /// Who fills a role.
+    /// Name of the service that fills a role.
     pub(crate) fn name(&self, role: Role) -> &'static str {
         Assignment::of(self.scenario.settings()).name(role)
     }
@@ -202,7 +202,7 @@ impl Flight {
         self.end_ns as f64 * 1e-9
     }
 
-    /// Records every sample, and tells how many there are.
+    /// Records every sample, and returns how many there are.
     pub(crate) fn write_to(&self, recording: &mut Recording) -> u64 {
         struct Write<'a>(&'a Tape, &'a mut Recording, u64);
         impl TopicVisitor for Write<'_> {

@@ -2,7 +2,7 @@
 //! moods meet both alike.
 
 use crate::flown;
-use crate::report::{Told, WatchReport};
+use crate::report::{FigureP99, WatchReport};
 use bench::BenchError;
 use bench::fleet::{Flight, Flown};
 use bench::report::LoopsReport;
@@ -21,7 +21,7 @@ const FIGURES: [&str; 2] = ["lateness", "compute"];
 
 /// Flies this many rounds of two flights, and watches one of each.
 pub(crate) fn measure(
-    words: &[String],
+    arguments: &[String],
     rounds: usize,
     folder: &Path,
 ) -> Result<WatchReport, BenchError> {
@@ -31,7 +31,8 @@ pub(crate) fn measure(
         let order = if round.is_multiple_of(2) { [false, true] } else { [true, false] };
         let mut flown = [None, None];
         for watched in order {
-            flown[usize::from(watched)] = Some(fly(words, watched.then_some(folder), &mut report)?);
+            flown[usize::from(watched)] =
+                Some(fly(arguments, watched.then_some(folder), &mut report)?);
         }
         if let [Some(alone), Some(watched)] = flown {
             report.take(&p99s(&alone), &p99s(&watched));
@@ -41,13 +42,13 @@ pub(crate) fn measure(
 }
 
 fn fly(
-    words: &[String],
+    arguments: &[String],
     folder: Option<&Path>,
     report: &mut WatchReport,
 ) -> Result<LoopsReport, BenchError> {
-    let mut words = words.to_vec();
-    words.extend(folder.map(|folder| format!("--record={}", folder.display())));
-    let flight = Flight::start(flown::morphquad(), &words)?;
+    let mut arguments = arguments.to_vec();
+    arguments.extend(folder.map(|folder| format!("--record={}", folder.display())));
+    let flight = Flight::start(flown::morphquad(), &arguments)?;
     let (going, over) = mpsc::channel();
     let (flown, answers) = thread::scope(|scope| {
         let asking = folder.map(|_| scope.spawn(move || keep_asking(&over)));
@@ -67,13 +68,13 @@ fn fly(
     }
 }
 
-/// Asks every run that there is how it goes, as `ps` does; how often it was told.
+/// Asks every run for its status, as `ps` does; returns the number of answers.
 fn keep_asking(over: &Receiver<()>) -> u64 {
     let mut answers = 0;
     while over.recv_timeout(ASK_EVERY) == Err(RecvTimeoutError::Timeout) {
         for run in runs::living() {
             let asked = Conversation::ask(&run, &Request::Ps);
-            answers += u64::from(asked.is_ok_and(|mut talk| talk.hear().is_ok()));
+            answers += u64::from(asked.is_ok_and(|mut conversation| conversation.hear().is_ok()));
         }
     }
     answers
@@ -86,12 +87,12 @@ fn wipe(folder: &Path) {
     }
 }
 
-fn p99s(report: &LoopsReport) -> Vec<Told> {
+fn p99s(report: &LoopsReport) -> Vec<FigureP99> {
     let mut all = Vec::new();
-    for told in &report.loops {
+    for l in &report.loops {
         for name in FIGURES {
-            if let Some(figure) = told.figures.get(name) {
-                all.push((told.name.clone(), name, figure.flown.at(Rank::P99)));
+            if let Some(figure) = l.figures.get(name) {
+                all.push((l.name.clone(), name, figure.flown.at(Rank::P99)));
             }
         }
     }

@@ -55,7 +55,7 @@ struct Options {
     bench: bool,
 }
 
-/// How long a stretch of a watched flight is, unless told otherwise.
+/// Default length of a stretch of a watched flight.
 const STRETCH: Duration = Duration::from_secs(3);
 
 /// Measures; 1 if the limit is certainly passed.
@@ -77,7 +77,7 @@ fn measure(options: &Options) -> Result<(String, u8), BenchError> {
     let text = if options.format == Format::Json {
         serde_json::json!({ "place": place, "watch": report, "overall": overall }).to_string()
     } else {
-        told(&report, options, &place)
+        to_text(&report, options, &place)
     };
     Ok((text, code))
 }
@@ -85,10 +85,10 @@ fn measure(options: &Options) -> Result<(String, u8), BenchError> {
 /// Flights without and with a client that asks, in turn.
 fn one_by_one(options: &Options, folder: &Path) -> Result<WatchReport, BenchError> {
     Scenario::load(&options.scenario.scenario, &options.scenario.overrides()?)?;
-    let words = scenario_words(&options.scenario, "5s");
-    let words: Vec<String> = words.into_iter().chain(options.place.words()).collect();
+    let arguments = scenario_words(&options.scenario, "5s");
+    let arguments: Vec<String> = arguments.into_iter().chain(options.place.words()).collect();
     let rounds = usize::from(options.rounds);
-    flights::measure(&words, rounds, folder)
+    flights::measure(&arguments, rounds, folder)
 }
 
 /// One flight, to which viewers come and go; and the flight's own exit code where it ended badly.
@@ -125,7 +125,7 @@ fn within_a_flight(
     Ok((report, code))
 }
 
-fn told(report: &WatchReport, options: &Options, place: &Place) -> String {
+fn to_text(report: &WatchReport, options: &Options, place: &Place) -> String {
     let how = if options.live {
         format!(
             "stretches of one recorded flight, watched: on its live page ({} answers) and by a viewer of \
@@ -145,7 +145,7 @@ fn told(report: &WatchReport, options: &Options, place: &Place) -> String {
     );
     // A string takes everything.
     if let Some(change) = report.overall() {
-        let _ = writeln!(text, "\nall together {:.3} x, 95 % {}", change.ratio, change.told());
+        let _ = writeln!(text, "\nall together {:.3} x, 95 % {}", change.ratio, change.interval());
         if let Some(most) = options.max_ratio {
             let verdict = match change.between {
                 Some([low, _]) if low > most => "FAILS",

@@ -15,7 +15,7 @@ use tungstenite::{HandshakeError, Message};
 
 /// What does not come within this time does not come.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// The protocol that viewers speak.
+/// WebSocket subprotocol of the viewers.
 const PROTOCOL: &str = "foxglove.sdk.v1";
 
 /// `morphquad live` beside a run, its page and its viewer.
@@ -39,28 +39,28 @@ impl Onlooker {
             .spawn()
             .ok()?;
         let mut out = BufReader::new(child.stdout.take()?);
-        let mut told = || {
+        let mut read_address = || {
             let mut line = String::new();
             out.read_line(&mut line).ok().and_then(|_| address(&line))
         };
-        let (Some(page), Some(socket)) = (told(), told()) else {
+        let (Some(page), Some(socket)) = (read_address(), read_address()) else {
             end(&mut child);
             return None;
         };
         let received = Arc::new(AtomicU64::new(0));
         let count = Arc::clone(&received);
-        // It ends with the server, and what it has to say is how much it was sent.
+        // It ends with the server; its only result is the count of messages received.
         thread::spawn(move || view(socket, &count));
         Some(Self { child, page, received, _out: out })
     }
 
-    /// Has the page ask for what is new, as it does five times a second; true if it was told.
+    /// Requests what is new, as the page does five times a second; true if the server answered.
     pub(crate) fn look(&self) -> bool {
         let ask = format!(
             "GET /flight?since_s=1e9 HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n",
             self.page
         );
-        let told = || {
+        let request = || {
             let mut stream = TcpStream::connect_timeout(&self.page, PATIENCE)?;
             stream.set_read_timeout(Some(PATIENCE))?;
             stream.write_all(ask.as_bytes())?;
@@ -68,7 +68,7 @@ impl Onlooker {
             stream.read_to_end(&mut answer)?;
             Ok::<_, io::Error>(answer)
         };
-        told().is_ok_and(|answer| answer.starts_with(b"HTTP/1.1 200"))
+        request().is_ok_and(|answer| answer.starts_with(b"HTTP/1.1 200"))
     }
 
     /// Messages that the viewer was sent.
@@ -114,14 +114,14 @@ fn view(server: SocketAddr, received: &AtomicU64) -> Result<(), tungstenite::Err
 
 /// A subscription to all that is advertised, if this is an advertisement.
 fn subscription(text: &str) -> Option<String> {
-    let told: Value = serde_json::from_str(text).ok()?;
-    let channels = told["channels"].as_array().filter(|_| told["op"] == "advertise")?;
+    let message: Value = serde_json::from_str(text).ok()?;
+    let channels = message["channels"].as_array().filter(|_| message["op"] == "advertise")?;
     let each =
         channels.iter().map(|channel| json!({ "id": channel["id"], "channelId": channel["id"] }));
     Some(json!({ "op": "subscribe", "subscriptions": each.collect::<Vec<_>>() }).to_string())
 }
 
-/// Address in a line that tells one.
+/// Address in a line that contains one.
 fn address(line: &str) -> Option<SocketAddr> {
     line.split_once("://")?.1.split(['/', ' ', '\n']).next()?.parse().ok()
 }

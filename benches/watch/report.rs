@@ -38,10 +38,10 @@ pub(crate) struct WatchReport {
 }
 
 /// 99 % of a figure: loop or path, which figure, and how much \[us\].
-pub(crate) type Told = (String, &'static str, f64);
+pub(crate) type FigureP99 = (String, &'static str, f64);
 
 impl WatchReport {
-    pub(crate) fn take(&mut self, alone: &[Told], watched: &[Told]) {
+    pub(crate) fn take(&mut self, alone: &[FigureP99], watched: &[FigureP99]) {
         for (name, figure, alone_us) in alone {
             let same = watched.iter().find(|(n, f, _)| n == name && f == figure);
             let Some((_, _, watched_us)) = same else { continue };
@@ -80,7 +80,7 @@ impl WatchReport {
                 of(0).map_or_else(String::new, us),
                 of(1).map_or_else(String::new, us),
                 change.map_or_else(|| "-".to_owned(), |change| format!("{:.2}", change.ratio)),
-                change.map_or_else(String::new, |change| change.told()),
+                change.map_or_else(String::new, |change| change.interval()),
             ]);
         }
         table
@@ -104,8 +104,8 @@ impl Change {
         Some(Self { ratio: median(ratios)?, between })
     }
 
-    /// The interval in words.
-    pub(crate) fn told(&self) -> String {
+    /// The interval as text.
+    pub(crate) fn interval(&self) -> String {
         self.between.map_or_else(String::new, |[low, high]| format!("{low:.3} .. {high:.3}"))
     }
 }

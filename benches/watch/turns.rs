@@ -2,7 +2,7 @@
 //! both kinds of stretch have the same processes in the same places, and nearly the same mood of the machine.
 
 use crate::onlooker::Onlooker;
-use crate::report::{Told, WatchReport};
+use crate::report::{FigureP99, WatchReport};
 use bench::BenchError;
 use bench::loops::{self, LoopsPlan, Measured};
 use bench::measure::Moment;
@@ -66,7 +66,7 @@ pub(crate) fn measure(
         let of = |watched| {
             let mut all = turns.stretches.iter();
             let found = all.find(|s| (s.round, s.watched) == (round, watched))?;
-            Some(told(&measured, found.span_ns))
+            Some(p99s(&measured, found.span_ns))
         };
         if let (Some(alone), Some(watched)) = (of(false), of(true)) {
             report.take(&alone, &watched);
@@ -112,7 +112,7 @@ fn take_turns(over: &Receiver<()>, rounds: usize, stretch: Duration) -> Turns {
 }
 
 /// The figures of a stretch, as those of a flight.
-fn told(measured: &Measured, [from_ns, to_ns]: [u64; 2]) -> Vec<Told> {
+fn p99s(measured: &Measured, [from_ns, to_ns]: [u64; 2]) -> Vec<FigureP99> {
     let start_ns = measured.start_mono_ns;
     let within = |t_s: f64| {
         let at_ns = start_ns as f64 + t_s * 1e9;
@@ -138,5 +138,5 @@ fn told(measured: &Measured, [from_ns, to_ns]: [u64; 2]) -> Vec<Told> {
 /// What 99 % of the durations do not exceed; none of none \[us\].
 fn p99_us(durations_us: impl Iterator<Item = f64>) -> Option<f64> {
     let ns = |us: f64| shared_types::time::ns_from_s(us * 1e-6);
-    durations_us.map(ns).collect::<Series>().quantiles().map(|told| told.p99_us)
+    durations_us.map(ns).collect::<Series>().quantiles().map(|quantiles| quantiles.p99_us)
 }

@@ -1,4 +1,4 @@
-//! The chain that every runtime carries: who sends what to whom at which tick.
+//! The chain that every runtime carries: which node sends what to which node at which tick.
 //!
 //! It has the shape, the rates and the sizes of a flight's loops and computes nothing. The plant ticks at 1 kHz and is
 //! sensor and motor at once; the estimator answers each tick, the attitude loop every second one, the position loop every

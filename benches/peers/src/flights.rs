@@ -44,8 +44,8 @@ fn run(morphquad: &Path, arguments: &[&str]) -> Result<Value> {
     let output =
         command.output().map_err(|e| format!("cannot start {}: {e}", morphquad.display()))?;
     serde_json::from_slice(&output.stdout).map_err(|_| {
-        let said = String::from_utf8_lossy(&output.stderr);
-        format!("{} {}: {said}", morphquad.display(), arguments.join(" ")).into()
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        format!("{} {}: {stderr}", morphquad.display(), arguments.join(" ")).into()
     })
 }
 
@@ -66,15 +66,15 @@ pub fn lockstep(
         Some(folder) => arguments.extend(["--record", folder]),
         None => arguments.push("--no-record"),
     }
-    let told = run(morphquad, &arguments)?;
-    let bytes_per_s = match told["recording"].as_str() {
+    let result = run(morphquad, &arguments)?;
+    let bytes_per_s = match result["recording"].as_str() {
         Some(file) => Some(512.0 * std::fs::metadata(file)?.blocks() as f64 / seconds as f64),
         None => None,
     };
     Ok(Lockstep {
-        speed: told["real_time_factor"].as_f64().ok_or("no real_time_factor")?,
+        speed: result["real_time_factor"].as_f64().ok_or("no real_time_factor")?,
         bytes_per_s,
-        hash: told["hash"].as_str().unwrap_or_default().to_owned(),
+        hash: result["hash"].as_str().unwrap_or_default().to_owned(),
     })
 }
 
@@ -95,8 +95,8 @@ pub fn realtime(morphquad: &Path, seconds: u64, fifo: bool) -> Result<Realtime> 
             "--set",
             policy,
         ];
-        let told = run(morphquad, &arguments)?;
-        let lost = told["missed_commands"].as_u64().ok_or("no missed_commands")?;
+        let result = run(morphquad, &arguments)?;
+        let lost = result["missed_commands"].as_u64().ok_or("no missed_commands")?;
         Ok((children_s()? - before_s, lost))
     };
     let ((long_s, lost), (short_s, _)) = (fly(seconds + 2)?, fly(2)?);
@@ -104,8 +104,8 @@ pub fn realtime(morphquad: &Path, seconds: u64, fifo: bool) -> Result<Realtime> 
     let policy = if fifo { "fifo" } else { "other" };
     let arguments =
         ["bench", "loops", SCENARIO, "--for", &duration, "--policy", policy, "--no-floor"];
-    let told = run(morphquad, &arguments)?;
-    let paths = told["report"]["paths"].as_array().ok_or("no paths")?;
+    let result = run(morphquad, &arguments)?;
+    let paths = result["report"]["paths"].as_array().ok_or("no paths")?;
     let path = paths.iter().find(|path| path["name"] == PATH).ok_or("no path to the gate")?;
     let of = |key: &str| path["total"]["flown"][key].as_f64().ok_or("no quantile");
     Ok(Realtime {
@@ -122,8 +122,8 @@ pub fn swap(morphquad: &Path) -> Result<[u64; 2]> {
     let swap = ["--swap", "attitude=attitude-lqr@4s"];
     let duration = format!("{SWAP_S}s");
     let arguments = ["run", SCENARIO, "--for", &duration, "--clock", "realtime", "--no-record"];
-    let told = run(morphquad, &[&arguments[..], &swap[..]].concat())?;
-    let of = |key: &str| told[key].as_u64().ok_or_else(|| format!("no {key}"));
+    let result = run(morphquad, &[&arguments[..], &swap[..]].concat())?;
+    let of = |key: &str| result[key].as_u64().ok_or_else(|| format!("no {key}"));
     Ok([of("missed_commands")? + of("duplicated_ticks")?, SWAP_S * COMMANDS_HZ])
 }
 

@@ -1,4 +1,4 @@
-//! A process of a chain: its place on the machine, the start together with the others, and what it tells at the end.
+//! A process of a chain: its place on the machine, the start together with the others, and its report.
 
 use crate::chain::{Law, Node, Port, fly_lockstep, fly_realtime, now_ns, react, recorded_samples};
 use crate::{Result, copper, record, sockets, threads, transport};
@@ -79,7 +79,7 @@ pub struct Process {
     pub flight: Flight,
 }
 
-/// What a process tells of its flight.
+/// What a process reports about its flight.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub struct Flown {
     /// From reading the sensor to the command's arrival at the motor \[ns\]; of the plant.
@@ -141,7 +141,7 @@ pub fn take_place(node: Node, flight: &Flight) {
     }
 }
 
-/// Says that everything is open, and waits until all are.
+/// Prints that everything is open, and waits until all processes are ready.
 pub fn await_start() -> Result<()> {
     println!("ready");
     std::io::stdout().flush()?;
@@ -173,7 +173,7 @@ fn fly_node(port: &mut dyn Port, node: Node, flight: &Flight) -> Result<Flown> {
     Ok(Flown { cpu_ns: cpu_ns() - before_ns, ..Flown::default() })
 }
 
-/// What the process of the given arguments does, to be told to the driver.
+/// Runs the process that the arguments describe; the result is reported to the driver.
 pub fn be(process: &Process) -> Result<Flown> {
     let Process { peer, node, folder, flight, .. } = process;
     let records = flight.record.is_some();

@@ -1,4 +1,4 @@
-//! Starts the processes of a chain, lets them go together, and notes what they tell.
+//! Starts the processes of a chain, lets them go together, and collects the figures they report.
 
 use crate::chain::Node;
 use crate::node::{Flown, Peer};
@@ -32,12 +32,12 @@ impl Running {
     }
 
     fn finish(mut self) -> Result<Flown> {
-        let mut told = String::new();
-        self.out.read_to_string(&mut told)?;
+        let mut report = String::new();
+        self.out.read_to_string(&mut report)?;
         if !self.child.wait()?.success() {
             return Err("a process ended early".into());
         }
-        Ok(serde_json::from_str(&told)?)
+        Ok(serde_json::from_str(&report)?)
     }
 }
 

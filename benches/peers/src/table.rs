@@ -14,7 +14,7 @@ pub struct Realtime {
     pub cpu_ms: f64,
     /// Commands that never arrived.
     pub lost: u64,
-    /// Ticks at which the plant was more than half a tick late, where it tells.
+    /// Ticks at which the plant was more than half a tick late, where the runtime reports it.
     pub late: Option<u64>,
 }
 

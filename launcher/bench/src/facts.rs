@@ -17,7 +17,7 @@ pub struct BenchFacts {
     pub cpu_model: String,
     /// Processors of the machine.
     pub processors: usize,
-    /// A name of the machine that tells nothing about it.
+    /// A name of the machine that reveals nothing about it.
     pub machine: String,
 }
 
@@ -41,7 +41,7 @@ impl BenchFacts {
 
     /// In a line.
     #[must_use]
-    pub fn told(&self) -> String {
+    pub fn to_line(&self) -> String {
         let Self { version, git, kernel, cpu_model, processors, .. } = self;
         format!("morphquad {version} ({git}), {cpu_model}, {processors} processors, Linux {kernel}")
     }

@@ -22,15 +22,15 @@ pub enum Flown {
 }
 
 impl Flight {
-    /// Begins: this executable, which is `morphquad`, with these words after `bench loops`.
+    /// Begins: this executable, which is `morphquad`, with these arguments after `bench loops`.
     ///
     /// # Errors
     /// It cannot be started.
-    pub fn start(mut morphquad: Command, words: &[String]) -> Result<Self, BenchError> {
+    pub fn start(mut morphquad: Command, arguments: &[String]) -> Result<Self, BenchError> {
         let failed = |source| BenchError::System { action: "start a flight".to_owned(), source };
         let child = morphquad
             .args(["bench", "loops"])
-            .args(words)
+            .args(arguments)
             .args(["--no-floor", "--format", "json"])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -42,24 +42,24 @@ impl Flight {
     /// Waits for its end.
     ///
     /// # Errors
-    /// It ends without a word that means anything.
+    /// It ends without a result that can be read.
     pub fn wait(mut self) -> Result<Flown, BenchError> {
-        let mut said = String::new();
+        let mut output = String::new();
         if let Some(out) = &mut self.0.stdout {
             // What cannot be read is no answer.
-            let _ = out.read_to_string(&mut said);
+            let _ = out.read_to_string(&mut output);
         }
         let status = self.0.wait().map_err(|source| BenchError::System {
             action: "wait for a flight".to_owned(),
             source,
         })?;
-        let told: Value = serde_json::from_str(&said).unwrap_or_default();
-        let error = told["error"].as_str().map(str::to_owned);
+        let result: Value = serde_json::from_str(&output).unwrap_or_default();
+        let error = result["error"].as_str().map(str::to_owned);
         match (status.code(), error) {
             (Some(2), Some(error)) => Ok(Flown::Refused(error)),
             (_, Some(error)) => Ok(Flown::Lost(error)),
             (Some(0 | 1), None) => {
-                let report = serde_json::from_value(told["report"].clone());
+                let report = serde_json::from_value(result["report"].clone());
                 let report = report.map_err(|error| {
                     BenchError::Peer(format!("gave a result that means nothing: {error}"))
                 })?;

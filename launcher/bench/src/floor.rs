@@ -47,7 +47,7 @@ pub struct FloorData {
 }
 
 impl Floor {
-    /// Starts both processes; they wait until they are told of the start.
+    /// Starts both processes; they wait until they receive the start time.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -93,7 +93,7 @@ impl Floor {
         Box::new(move |start_mono_ns| {
             for peer in [from, to] {
                 // One that has gone is missed at the end.
-                let _ = held(&peer).tell(&start_mono_ns.to_string());
+                let _ = held(&peer).send_line(&start_mono_ns.to_string());
             }
         })
     }
@@ -116,7 +116,7 @@ fn priority(base: u8, rate_hz: f64, rates: &[f64]) -> u8 {
 }
 
 fn held(peer: &Mutex<Peer>) -> MutexGuard<'_, Peer> {
-    // Nothing is left half done by who died with it.
+    // A thread that panicked with the lock leaves nothing half done.
     peer.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

@@ -9,7 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// A difference below this is within what a clock tells \[us\].
+/// A difference below this is within the resolution of a clock \[us\].
 const RESOLUTION_US: f64 = 1.0;
 
 /// Why a file cannot be compared with.
@@ -95,11 +95,11 @@ impl LoopsReport {
     /// Every figure with its name.
     fn every_figure(&self) -> impl Iterator<Item = (String, &Figure)> {
         let loops = self.loops.iter().flat_map(|l| {
-            l.figures.iter().map(move |(figure, told)| (format!("{} {figure}", l.name), told))
+            l.figures.iter().map(move |(name, figure)| (format!("{} {name}", l.name), figure))
         });
         let paths = self.paths.iter().flat_map(|path| {
             let figures = [("path", &path.total), ("effect", &path.until_effect)];
-            figures.map(|(figure, told)| (format!("{} {figure}", path.name), told))
+            figures.map(|(name, figure)| (format!("{} {name}", path.name), figure))
         });
         loops.chain(paths)
     }
@@ -117,7 +117,7 @@ impl Terms {
             let rates = terms.rates_hz.iter().map(|(role, hz)| format!("{role} at {hz} Hz"));
             rates.collect::<Vec<_>>().join(", ")
         };
-        let told = |terms: &Self| {
+        let named_terms = |terms: &Self| {
             let Self { facts, scenario, place, load, .. } = terms;
             [
                 ("machine", facts.machine.clone()),
@@ -131,7 +131,7 @@ impl Terms {
                 ("set of rates", rates(terms)),
             ]
         };
-        let pairs = told(self).into_iter().zip(told(other));
+        let pairs = named_terms(self).into_iter().zip(named_terms(other));
         let differ = pairs.filter(|((_, ours), (_, theirs))| ours != theirs);
         let mut reasons: Vec<String> = differ
             .map(|((what, ours), (_, theirs))| format!("its {what} is {theirs}, and not {ours}"))
@@ -252,7 +252,7 @@ impl Gate {
         let still = now.loops.iter().filter(|l| l.counts.steps == 0);
         let still = still.map(|l| format!("{} ran no step after the warm-up", l.name));
         let (figure, earlier) = match self {
-            // Says so itself.
+            // Its own check reports such a loop.
             Self::Held => return Vec::new(),
             Self::Growth { figure, .. } => (figure.as_deref(), before),
             Self::Limit { figure, .. } | Self::Floor { figure, .. } => (figure.as_deref(), None),
@@ -275,9 +275,9 @@ impl Gate {
                 taxed.collect()
             }
             Self::Growth { figure, rank, share } => {
-                let of = chosen(now, figure.as_deref()).filter_map(|(name, told)| {
+                let of = chosen(now, figure.as_deref()).filter_map(|(name, measured)| {
                     let (now_us, before_us) =
-                        (told.flown.at(*rank), before?.figure(&name)?.flown.at(*rank));
+                        (measured.flown.at(*rank), before?.figure(&name)?.flown.at(*rank));
                     let most_us = (before_us * (1.0 + share)).max(before_us + RESOLUTION_US);
                     (now_us > most_us).then(|| {
                         let grown = 100.0 * (now_us / before_us - 1.0);
@@ -290,18 +290,18 @@ impl Gate {
                 of.collect()
             }
             Self::Limit { figure, rank, us } => chosen(now, figure.as_deref())
-                .filter(|(_, told)| told.flown.at(*rank) > *us)
-                .map(|(name, told)| {
+                .filter(|(_, measured)| measured.flown.at(*rank) > *us)
+                .map(|(name, measured)| {
                     format!(
                         "{name} {} is {:.2} us, above {us} us",
                         rank.label(),
-                        told.flown.at(*rank)
+                        measured.flown.at(*rank)
                     )
                 })
                 .collect(),
             Self::Floor { figure, rank, times } => chosen(now, figure.as_deref())
-                .filter_map(|(name, told)| {
-                    let ratio = told.ratio.as_ref()?.at(*rank)?;
+                .filter_map(|(name, measured)| {
+                    let ratio = measured.ratio.as_ref()?.at(*rank)?;
                     (ratio > *times).then(|| {
                         format!(
                             "{name} {} is {ratio:.2} x its floor, above {times} x",
@@ -350,10 +350,10 @@ pub struct CompareRow {
 #[must_use]
 pub fn compare(now: &LoopsReport, before: &LoopsReport) -> Comparison {
     let mut rows = Vec::new();
-    for (name, told) in now.every_figure() {
+    for (name, measured) in now.every_figure() {
         let Some(earlier) = before.figure(&name) else { continue };
         for rank in [Rank::P50, Rank::P99] {
-            let (before_us, now_us) = (earlier.flown.at(rank), told.flown.at(rank));
+            let (before_us, now_us) = (earlier.flown.at(rank), measured.flown.at(rank));
             let ratio = (before_us > 0.0).then(|| now_us / before_us);
             let (name, rank) = (name.clone(), rank.label());
             rows.push(CompareRow { name, rank, before_us, now_us, ratio });

@@ -135,8 +135,8 @@ fn cell(
     for _ in 0..COUPLES {
         let mut reader = Peer::start(&PeerRequest::HopTo(end(cpus[1])))?;
         let mut sender = Peer::start(&PeerRequest::HopFrom(end(cpus[0])))?;
-        reader.tell("go")?;
-        sender.tell("go")?;
+        reader.send_line("go")?;
+        sender.send_line("go")?;
         let more: Hops = reader.answer()?;
         let _: u64 = sender.answer()?;
         hops.iter_mut().zip(more).for_each(|(all, more)| all.extend(more));
@@ -189,17 +189,17 @@ impl HopReport {
                 ("iceoryx2", Some(cell.bare), None),
                 ("iceoryx2 + our pipe", cell.bare_pipe, None),
             ];
-            for (carrier, told, ratio) in rows {
-                let Some(told) = told else { continue };
+            for (carrier, quantiles, ratio) in rows {
+                let Some(quantiles) = quantiles else { continue };
                 let cpus = format!("{}>{}", cell.cpus[0], cell.cpus[1]);
                 let mut row = vec![
                     cell.waiting.label().to_owned(),
                     cpus,
                     cell.policy.label().to_owned(),
                     carrier.to_owned(),
-                    told.n.to_string(),
+                    quantiles.n.to_string(),
                 ];
-                row.extend(Rank::ALL.map(|rank| super::us(told.at(rank))));
+                row.extend(Rank::ALL.map(|rank| super::us(quantiles.at(rank))));
                 for rank in [Rank::P50, Rank::P99] {
                     row.push(super::ratio(ratio.and_then(|ratio| ratio.at(rank))));
                 }

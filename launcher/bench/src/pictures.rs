@@ -91,8 +91,8 @@ fn slowest(moments: &[Moment], of: impl Fn(&Moment) -> f64) -> Vec<[f64; 2]> {
 /// Links below one another.
 fn waterfall(name: &str, chains: &Chains) -> Figure {
     let stretch = |name: &str, series: &Series| {
-        let told = series.quantiles()?;
-        Some(Stretch { name: name.to_owned(), p50_us: told.p50_us, p99_us: told.p99_us })
+        let quantiles = series.quantiles()?;
+        Some(Stretch { name: name.to_owned(), p50_us: quantiles.p50_us, p99_us: quantiles.p99_us })
     };
     let names = chains.names();
     let links = names.iter().enumerate().map(|(index, name)| stretch(name, &chains.link(index)));

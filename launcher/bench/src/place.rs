@@ -89,7 +89,7 @@ impl Place {
         (self.policy == Policy::Fifo).then_some(self.priority)
     }
 
-    /// In a few words.
+    /// In a short text.
     #[must_use]
     pub fn told(&self) -> String {
         let cpus = self.cpus.iter().map(usize::to_string).collect::<Vec<_>>().join(",");

@@ -135,13 +135,14 @@ pub fn climb(
     Ok(ladder)
 }
 
-/// Flies once: `words` are the flight's, and the loop's rate comes last.
+/// Flies once: `arguments` are the flight's, and the loop's rate comes last.
 ///
 /// # Errors
 /// [`BenchError`].
-pub fn fly(words: &[String], name: &str, rate_hz: f64) -> Result<Trial, BenchError> {
+pub fn fly(arguments: &[String], name: &str, rate_hz: f64) -> Result<Trial, BenchError> {
     let rate = format!("{name}={rate_hz}");
-    let words: Vec<String> = words.iter().cloned().chain(["--rate".to_owned(), rate]).collect();
+    let arguments: Vec<String> =
+        arguments.iter().cloned().chain(["--rate".to_owned(), rate]).collect();
     let trial = Trial {
         name: name.to_owned(),
         rate_hz,
@@ -153,7 +154,7 @@ pub fn fly(words: &[String], name: &str, rate_hz: f64) -> Result<Trial, BenchErr
         holds: false,
         lost: None,
     };
-    Ok(match Flight::start(Command::new(OWN_EXECUTABLE), &words)?.wait()? {
+    Ok(match Flight::start(Command::new(OWN_EXECUTABLE), &arguments)?.wait()? {
         Flown::Measured(report) => of(&report, name, trial),
         Flown::Refused(why) => Trial { lost: Some(why), ..trial },
         // Whatever killed it, the rate was not held.

@@ -225,7 +225,7 @@ impl LoopsReport {
     pub fn to_text(&self) -> String {
         let Terms { facts, scenario, place, load, .. } = &self.terms;
         let Self { duration_s, warm_up_s, .. } = self;
-        let mut text = format!("{}\n", facts.told());
+        let mut text = format!("{}\n", facts.to_line());
         // A string takes everything.
         let _ = writeln!(
             text,
@@ -322,13 +322,13 @@ impl LoopsReport {
         for l in &self.loops {
             let mut name = l.name.as_str();
             for figure in super::measure::FIGURES {
-                let Some(told) = l.figures.get(figure) else { continue };
-                let row = [name.to_owned(), figure.to_owned(), told.flown.n.to_string()];
-                let ranks = Rank::ALL.map(|rank| super::us(told.flown.at(rank)));
+                let Some(measured) = l.figures.get(figure) else { continue };
+                let row = [name.to_owned(), figure.to_owned(), measured.flown.n.to_string()];
+                let ranks = Rank::ALL.map(|rank| super::us(measured.flown.at(rank)));
                 let ratios = [Rank::P50, Rank::P99]
-                    .map(|rank| super::ratio(told.ratio.as_ref().and_then(|r| r.at(rank))));
+                    .map(|rank| super::ratio(measured.ratio.as_ref().and_then(|r| r.at(rank))));
                 table.push(row.into_iter().chain(ranks).chain(ratios));
-                // Said once, so that the eye finds it.
+                // Written once per loop, so that the eye finds it.
                 name = "";
             }
         }
@@ -337,11 +337,13 @@ impl LoopsReport {
 
     fn floor(&self) -> Table {
         let mut table = Table::new(["what", "n"].into_iter().chain(Rank::ALL.map(Rank::label)));
-        let timers = self.floor.timers.iter().map(|(hz, told)| (format!("timer {hz} Hz"), told));
-        let pings = self.floor.pings.iter().map(|(name, told)| (format!("ping {name}"), told));
-        for (name, told) in timers.chain(pings) {
-            let ranks = Rank::ALL.map(|rank| super::us(told.at(rank)));
-            table.push([name, told.n.to_string()].into_iter().chain(ranks));
+        let timers =
+            self.floor.timers.iter().map(|(hz, quantiles)| (format!("timer {hz} Hz"), quantiles));
+        let pings =
+            self.floor.pings.iter().map(|(name, quantiles)| (format!("ping {name}"), quantiles));
+        for (name, quantiles) in timers.chain(pings) {
+            let ranks = Rank::ALL.map(|rank| super::us(quantiles.at(rank)));
+            table.push([name, quantiles.n.to_string()].into_iter().chain(ranks));
         }
         table
     }
@@ -350,9 +352,9 @@ impl LoopsReport {
 impl PathReport {
     fn to_text(&self) -> String {
         let mut table = Table::new(["", "n"].into_iter().chain(Rank::ALL.map(Rank::label)));
-        let mut row = |name: &str, told: &Quantiles| {
-            let ranks = Rank::ALL.map(|rank| super::us(told.at(rank)));
-            table.push([name.to_owned(), told.n.to_string()].into_iter().chain(ranks));
+        let mut row = |name: &str, quantiles: &Quantiles| {
+            let ranks = Rank::ALL.map(|rank| super::us(quantiles.at(rank)));
+            table.push([name.to_owned(), quantiles.n.to_string()].into_iter().chain(ranks));
         };
         for link in &self.links {
             row(&format!("  {}", link.name), &link.took);

@@ -3,14 +3,14 @@
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 
-/// Longest duration that is told apart \[ns\]; longer ones count as this.
+/// Longest duration that is resolved \[ns\]; longer ones count as this.
 const MAX_DURATION_NS: u64 = 600_000_000_000;
 
 /// A histogram of durations to three digits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series(Histogram<u64>);
 
-/// What is told of a series: its length and where its values lie \[us\].
+/// Summary of a series: its length and where its values lie \[us\].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quantiles {
@@ -214,27 +214,30 @@ mod tests {
     fn one_slow_value_is_never_left_out() {
         let mut series: Series = core::iter::repeat_n(10_000, 9999).collect();
         series.record(5_000_000_000);
-        let told = series.quantiles().unwrap();
-        assert!((told.max_us / 5e6 - 1.0).abs() < 1e-3 && told.p999_us < 10.1, "{told:?}");
+        let quantiles = series.quantiles().unwrap();
+        assert!(
+            (quantiles.max_us / 5e6 - 1.0).abs() < 1e-3 && quantiles.p999_us < 10.1,
+            "{quantiles:?}"
+        );
     }
 
     #[test]
     fn values_beyond_the_scale_and_zeros_are_counted_too() {
         let series: Series = [0, u64::MAX, 3].into_iter().collect();
-        let told = series.quantiles().unwrap();
-        assert_eq!((told.n, series.bins().map(|(_, n)| n).sum::<u64>()), (3, 3));
-        assert!(told.p50_us <= 0.003 && told.max_us >= 6e8, "{told:?}");
+        let quantiles = series.quantiles().unwrap();
+        assert_eq!((quantiles.n, series.bins().map(|(_, n)| n).sum::<u64>()), (3, 3));
+        assert!(quantiles.p50_us <= 0.003 && quantiles.max_us >= 6e8, "{quantiles:?}");
         assert_eq!(Series::default().quantiles(), None);
     }
 
     #[test]
     fn a_ratio_is_the_quantile_over_that_of_the_floor_and_none_over_nothing() {
-        let told = |ns: [u64; 3]| ns.into_iter().collect::<Series>().quantiles().unwrap();
-        let (flown, floor) = (told([2000, 4000, 6000]), told([1000, 1000, 1000]));
+        let quantiles = |ns: [u64; 3]| ns.into_iter().collect::<Series>().quantiles().unwrap();
+        let (flown, floor) = (quantiles([2000, 4000, 6000]), quantiles([1000, 1000, 1000]));
         let ratio = flown.over(&floor);
         assert!((ratio.p50.unwrap() - 4.0).abs() < 0.01, "{ratio:?}");
         assert!((ratio.max.unwrap() - flown.max_us / floor.max_us).abs() < 1e-12);
-        let nothing = told([0, 0, 0]);
+        let nothing = quantiles([0, 0, 0]);
         assert_eq!(flown.over(&nothing).at(Rank::P99), None);
         let sum = Quantiles::sum([&flown, &floor]).unwrap();
         assert!((sum.p50_us - flown.p50_us - floor.p50_us).abs() < 1e-12 && sum.n == 3);

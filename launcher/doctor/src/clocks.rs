@@ -50,7 +50,7 @@ fn resolution() -> Finding {
     Finding::warn_if(coarse, "timer grain", found, "use a kernel with CONFIG_HIGH_RES_TIMERS")
 }
 
-/// How late an ordinary thread's timer is, as a first word on what `bench loops` measures at length.
+/// How late an ordinary thread's timer is, as a first estimate of what `bench loops` measures at length.
 fn lateness() -> Finding {
     let mut late_us: Vec<f64> = (0..NAPS)
         .map(|_| {

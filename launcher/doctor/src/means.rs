@@ -1,4 +1,4 @@
-//! What a flight may have of the machine: memory, processor time, by the files that tell it.
+//! What a flight may have of the machine: memory, processor time, by the files that report it.
 
 use super::{Finding, Machine};
 use scenario::needs::{Available, MemoryNeed};
@@ -46,8 +46,8 @@ pub(super) fn cpu_quota(machine: &Machine) -> Finding {
     let Some(quota) = read("").or_else(|| read("unified")) else {
         return Finding::ok(name, "none set by a group of version 2");
     };
-    let mut words = quota.split(' ').map(str::parse::<f64>);
-    match (words.next(), words.next()) {
+    let mut fields = quota.split(' ').map(str::parse::<f64>);
+    match (fields.next(), fields.next()) {
         (Some(Ok(quota)), Some(Ok(period))) => {
             let found = format!("{:.2} processors", quota / period);
             let remedy = "raise cpu.max, e.g. `--cpus` of the container";

@@ -133,19 +133,19 @@ pub(super) fn disk(recordings: &Path) -> Vec<Finding> {
 fn rate(folder: &Path, place: &str, other: &str) -> Finding {
     let name = "disk rate";
     let path = folder.join(format!(".morphquad-doctor-{}", std::process::id()));
-    let (told, heard) = mpsc::channel();
+    let (sender, receiver) = mpsc::channel();
     let trial = path.clone();
     // A disk that hangs must not hang its examination.
     let begun = Builder::new().spawn(move || {
         let written = write(&trial);
-        // Before it is told of: the process that examines may be gone a moment later, and this thread with it.
+        // Before the result is sent: the process that examines may be gone a moment later, and this thread with it.
         let _ = fs::remove_file(&trial);
-        let _ = told.send(written);
+        let _ = sender.send(written);
     });
     if let Err(error) = begun {
         return Finding::fail(name, format!("not tried: no thread can be started: {error}"), other);
     }
-    match heard.recv_timeout(TRIAL_LIMIT) {
+    match receiver.recv_timeout(TRIAL_LIMIT) {
         Ok(Ok(rate)) => {
             let found = format!("{rate:.0} MB/s in {place}; a flight writes 1 to 2 MB/s");
             if rate < MIN_RATE_MB_S {

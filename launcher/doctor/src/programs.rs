@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread::{self, Builder};
 
-/// How long an executable may take to say who it is \[ns\].
+/// How long an executable may take to identify itself \[ns\].
 const LIMIT_NS: u64 = 500_000_000;
 
 pub(super) fn checks() -> Vec<Finding> {
@@ -35,8 +35,12 @@ fn controllers() -> Finding {
     };
     let others = with(|layout| layout.is_some_and(|layout| layout != layout_hash()));
     if !others.is_empty() {
-        let told = format!("{others} cannot join flights of this build");
-        return Finding::fail(name, told, "build them again from the same source, or remove them");
+        let problem = format!("{others} cannot join flights of this build");
+        return Finding::fail(
+            name,
+            problem,
+            "build them again from the same source, or remove them",
+        );
     }
     let silent = with(|layout| layout.is_none());
     if !silent.is_empty() {
@@ -64,8 +68,8 @@ fn other_builds() -> Finding {
 fn python() -> Finding {
     let name = "python";
     let remedy = "install Python 3.11 or later; only scripts that read recordings and Python controllers need it";
-    let said = say(Path::new("python3"), "--version").unwrap_or_default();
-    let Some(version) = said.trim().strip_prefix("Python ") else {
+    let output = output_of(Path::new("python3"), "--version").unwrap_or_default();
+    let Some(version) = output.trim().strip_prefix("Python ") else {
         return Finding::warn(name, "no python3 on PATH", remedy);
     };
     let mut parts = version.split('.').map(|part| part.parse::<u32>().unwrap_or(0));
@@ -73,13 +77,13 @@ fn python() -> Finding {
     Finding::warn_if(version_ < (3, 11), name, format!("Python {version}"), remedy)
 }
 
-/// Hash of the layouts that an executable says it has.
+/// Hash of the layouts that an executable prints.
 fn layout_of(path: &Path) -> Option<u64> {
-    u64::from_str_radix(say(path, LAYOUT_ARGUMENT)?.trim(), 16).ok()
+    u64::from_str_radix(output_of(path, LAYOUT_ARGUMENT)?.trim(), 16).ok()
 }
 
-/// What an executable says to one argument, if it does so in time.
-fn say(executable: &Path, argument: &str) -> Option<String> {
+/// What an executable prints for one argument, if it ends in time.
+fn output_of(executable: &Path, argument: &str) -> Option<String> {
     let mut command = Command::new(executable);
     command.arg(argument).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut child = command.spawn().ok()?;

@@ -1,4 +1,4 @@
-//! What the examination says, for people and machines.
+//! The result of the examination, for people and machines.
 
 use super::{Finding, Verdict};
 use core::fmt;

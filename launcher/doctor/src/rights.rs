@@ -8,7 +8,7 @@ use scenario::needs::Tasks;
 use scenario::{Scenario, needs};
 use shared_types::Role;
 
-/// Priority of the fastest loop of a flight as shipped, if the scenario tells none.
+/// Priority of the fastest loop of a flight as shipped, if the scenario sets none.
 const USUAL_PRIORITY: u8 = 13;
 
 pub(super) fn checks() -> Vec<Finding> {
@@ -64,7 +64,7 @@ fn open_files() -> Finding {
     let limit = getrlimit(Resource::Nofile);
     // A launcher raises the one to the other.
     let most = limit.maximum.unwrap_or(u64::MAX);
-    let found = format!("{} of at most {}", told(limit.current), told(limit.maximum));
+    let found = format!("{} of at most {}", limit_text(limit.current), limit_text(limit.maximum));
     let needed = needs::DESCRIPTORS;
     if most < needed {
         let remedy = format!(
@@ -114,6 +114,6 @@ fn pidfd() -> Finding {
     }
 }
 
-fn told(limit: Option<u64>) -> String {
+fn limit_text(limit: Option<u64>) -> String {
     limit.map_or("unlimited".to_owned(), |limit| limit.to_string())
 }

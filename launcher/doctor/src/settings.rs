@@ -1,4 +1,4 @@
-//! What the kernel and the machine are set to, by the files that tell it.
+//! What the kernel and the machine are set to, by the files that report it.
 
 use super::means::{cpu_quota, fair_quota, map_count, memory, psi, swap};
 use super::{Finding, Machine};
@@ -59,11 +59,11 @@ fn preemption(machine: &Machine) -> Finding {
         Finding::ok(name, "PREEMPT_RT")
     } else if version.contains("PREEMPT_DYNAMIC") {
         let weak = matches!(chosen, "none" | "voluntary");
-        let told = if chosen.is_empty() { "as booted" } else { chosen };
-        Finding::warn_if(weak, name, format!("PREEMPT_DYNAMIC, {told}"), remedy)
+        let mode = if chosen.is_empty() { "as booted" } else { chosen };
+        Finding::warn_if(weak, name, format!("PREEMPT_DYNAMIC, {mode}"), remedy)
     } else {
-        let told = if version.contains("PREEMPT") { "PREEMPT" } else { "none" };
-        Finding::warn_if(told == "none", name, told, remedy)
+        let model = if version.contains("PREEMPT") { "PREEMPT" } else { "none" };
+        Finding::warn_if(model == "none", name, model, remedy)
     }
 }
 

@@ -14,7 +14,7 @@ LEAVE_S = 15.0
 
 
 class MorphquadError(Exception):
-    """What the executable said when it could not do what it was asked for.
+    """The message of the executable when it could not do what it was asked for.
 
     `exit_code` is the executable's, and `answer` the JSON that it gave nevertheless, such as the summary of a flight in
     which a process crashed; None if it gave none.
@@ -36,19 +36,19 @@ def path() -> str:
     return found
 
 
-def ask(*words: str, passes: tuple[int, ...] = (0,)) -> tuple[Any, int]:
+def ask(*arguments: str, passes: tuple[int, ...] = (0,)) -> tuple[Any, int]:
     """The JSON with which a command answers, and its exit code.
 
-    Raises `MorphquadError` with what it said if it ended otherwise than `passes`.
+    Raises `MorphquadError` with its message if its exit code is not in `passes`.
     """
-    command = [path(), *words, "--format", "json"]
+    command = [path(), *arguments, "--format", "json"]
     # The first line of a Python controller, `/usr/bin/env python3`, finds the Python that has this package.
     scripts = sysconfig.get_path("scripts")
     environment = os.environ | {"PATH": os.pathsep.join([scripts, os.environ.get("PATH", os.defpath)])}
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, text=True, env=environment, **pipes) as process:
         try:
-            out, said = process.communicate()
+            out, stderr = process.communicate()
         except KeyboardInterrupt:
             # The executable has been interrupted, too, and ends in order.
             try:
@@ -59,7 +59,7 @@ def ask(*words: str, passes: tuple[int, ...] = (0,)) -> tuple[Any, int]:
     if process.returncode not in passes:
         answer = _json_of(out)
         line = answer.get("line") if isinstance(answer, dict) else None
-        raise MorphquadError(line or said.strip() or out.strip(), process.returncode, answer)
+        raise MorphquadError(line or stderr.strip() or out.strip(), process.returncode, answer)
     return json.loads(out), process.returncode
 
 

@@ -42,7 +42,7 @@ class Verdict:
 class Flight:
     """A flight that was flown to its end.
 
-    `summary` is everything that `morphquad run --format json` tells; `exit_code` is that of the command: 0 passed, 1
+    `summary` is everything that `morphquad run --format json` prints; `exit_code` is that of the command: 0 passed, 1
     not, 5 passed although a swap of the script was refused or taken back.
     """
 
@@ -92,27 +92,27 @@ def run(
     """
     if os.fspath(scenario) == "-":
         raise ValueError("a scenario from standard input is for the command: give a name or a file")
-    words = ["run", os.fspath(scenario)]
+    arguments = ["run", os.fspath(scenario)]
     for flag, value in (("seed", seed), ("clock", clock), ("name", name)):
         if value is not None:
-            words += [f"--{flag}", str(value)]
+            arguments += [f"--{flag}", str(value)]
     if duration_s is not None:
         if isinstance(duration_s, str):
             raise TypeError(f"duration_s={duration_s!r} is not a number of seconds")
         if not math.isfinite(duration_s) or duration_s < 0.0:
             raise ValueError(f"duration_s={duration_s} is no duration in seconds")
-        words += ["--for", f"{round(duration_s * 1e9)}ns"]
-    words += ["--record", os.fspath(record)] if record is not None else ["--no-record"]
-    words += ["--in-process"] if in_process else []
+        arguments += ["--for", f"{round(duration_s * 1e9)}ns"]
+    arguments += ["--record", os.fspath(record)] if record is not None else ["--no-record"]
+    arguments += ["--in-process"] if in_process else []
     for key, value in _mapping("set", set).items():
-        words += ["--set", f"{key}={_toml(key, value)}"]
+        arguments += ["--set", f"{key}={_toml(key, value)}"]
     for slot, controller in _mapping("controllers", controllers).items():
-        words += ["--controller", f"{slot}={controller}"]
+        arguments += ["--controller", f"{slot}={controller}"]
     lists = {"swap": swap, "standby": standby, "fault": fault, "goto": goto, "morph": morph}
     for flag, values in lists.items():
         for value in [values] if isinstance(values, str) else values:
-            words += [f"--{flag}", value]
-    summary, exit_code = executable.ask(*words, passes=FLOWN)
+            arguments += [f"--{flag}", value]
+    summary, exit_code = executable.ask(*arguments, passes=FLOWN)
     verdict = Verdict(exit_code in PASSED, summary["line"], summary["verdict"]["reasons"])
     for swap in summary["swaps"]:
         if swap["scripted"] and swap["ended"] in SPOILED:

@@ -33,8 +33,8 @@ class Recording:
 
     @functools.cached_property
     def _shown(self) -> dict[str, Any]:
-        told, _ = executable.ask("recordings", "show", self.file)
-        return told
+        shown, _ = executable.ask("recordings", "show", self.file)
+        return shown
 
     @property
     def line(self) -> str:
@@ -49,13 +49,13 @@ class Recording:
     @property
     def topics(self) -> list[str]:
         """Names of the topics that have samples in it."""
-        told, _ = executable.ask("topic", "info", self.file)
-        return sorted(topic for topic, seats in told["topics"].items() if any(seat["count"] for seat in seats))
+        info, _ = executable.ask("topic", "info", self.file)
+        return sorted(topic for topic, seats in info["topics"].items() if any(seat["count"] for seat in seats))
 
     def report(self) -> dict[str, Any]:
-        """Everything that `morphquad report --format json` tells of it: verdict, numbers with their limits, swaps."""
-        told, _ = executable.ask("report", self.file, passes=(0, 1))
-        return told
+        """Everything that `morphquad report --format json` prints: verdict, numbers with their limits, swaps."""
+        report, _ = executable.ask("report", self.file, passes=(0, 1))
+        return report
 
     def __getitem__(self, topic: str) -> "pandas.DataFrame":
         """A topic with units in `attrs["units"]` by column; needs `pip install 'morphquad[pandas]'`.
@@ -92,7 +92,7 @@ def open(file: str | os.PathLike[str] = "latest") -> Recording:  # noqa: A001
 
     Raises `MorphquadError` for a file that cannot be read.
     """
-    told, _ = executable.ask("recordings", "show", os.fspath(file))
-    recording = Recording(told["file"])
-    recording._shown = told
+    shown, _ = executable.ask("recordings", "show", os.fspath(file))
+    recording = Recording(shown["file"])
+    recording._shown = shown
     return recording

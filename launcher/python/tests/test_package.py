@@ -120,8 +120,8 @@ class Package(Folder):
         with self.assertWarnsRegex(UserWarning, "mine.py does not fly the attitude slot: .*torque"):
             flight = self.swapped("attitude", TEN_LINES.replace("return [", "return [0.0] or ["))
         self.assertEqual((flight.exit_code, bool(flight.verdict)), (5, True), flight.summary["swaps"])
-        told = json.dumps(flight.summary)
-        self.assertIn("torque(sample) gave 1 numbers, and three are needed", told)
+        summary = json.dumps(flight.summary)
+        self.assertIn("torque(sample) gave 1 numbers, and three are needed", summary)
 
     def test_a_controller_finds_the_python_that_flies_it_wherever_the_path_leads(self):
         path = os.pathsep.join(part for part in os.environ["PATH"].split(os.pathsep) if "python" not in part)

@@ -43,7 +43,7 @@ pub trait Known: Sample + sealed::Sealed {
     /// Topic that carries it.
     const TOPIC: &'static str;
     /// Passes the sample to a watcher.
-    fn tell(&self, watcher: &mut Watcher);
+    fn pass_to(&self, watcher: &mut Watcher);
 }
 
 /// A state estimate with its effective instant.
@@ -76,8 +76,8 @@ pub struct Watcher {
 }
 
 /// Passes a sample to a watcher if it is of the type `T`; false if not.
-fn tell<T: Known>(watcher: &mut Watcher, any: &dyn Any) -> bool {
-    any.downcast_ref::<T>().map(|sample| sample.tell(watcher)).is_some()
+fn pass<T: Known>(watcher: &mut Watcher, any: &dyn Any) -> bool {
+    any.downcast_ref::<T>().map(|sample| sample.pass_to(watcher)).is_some()
 }
 
 /// Appends a sample and drops the oldest one when [`KEPT`] are stored.
@@ -103,16 +103,16 @@ impl Watcher {
 
     /// Takes a sample.
     pub fn observe<T: Known>(&mut self, sample: &T) {
-        sample.tell(self);
+        sample.pass_to(self);
     }
 
     /// Takes a sample of any topic if a real vehicle has it; false if not.
     pub fn observe_any<T: Sample>(&mut self, sample: &T) -> bool {
         let any: &dyn Any = sample;
-        tell::<StateEstimate>(self, any)
-            || tell::<AppliedCommand>(self, any)
-            || tell::<AppliedSetpoint>(self, any)
-            || tell::<GuidanceOrder>(self, any)
+        pass::<StateEstimate>(self, any)
+            || pass::<AppliedCommand>(self, any)
+            || pass::<AppliedSetpoint>(self, any)
+            || pass::<GuidanceOrder>(self, any)
     }
 
     /// Names of the topics that are read.
@@ -226,7 +226,7 @@ fn rotation(e: &StateEstimate) -> UnitQuaternion<f64> {
 
 impl Known for StateEstimate {
     const TOPIC: &'static str = "state_estimate";
-    fn tell(&self, watcher: &mut Watcher) {
+    fn pass_to(&self, watcher: &mut Watcher) {
         let believed = Believed { valid_ns: self.header.valid_ns, estimate: *self };
         keep(&mut watcher.estimates, believed);
     }
@@ -234,7 +234,7 @@ impl Known for StateEstimate {
 
 impl Known for AppliedCommand {
     const TOPIC: &'static str = "applied_command";
-    fn tell(&self, watcher: &mut Watcher) {
+    fn pass_to(&self, watcher: &mut Watcher) {
         let (epoch, seat, failed_over) = (self.epoch, self.seat, self.failed_over.is_set());
         let applied = Applied {
             valid_ns: self.header.valid_ns,
@@ -250,7 +250,7 @@ impl Known for AppliedCommand {
 
 impl Known for AppliedSetpoint {
     const TOPIC: &'static str = "applied_setpoint";
-    fn tell(&self, watcher: &mut Watcher) {
+    fn pass_to(&self, watcher: &mut Watcher) {
         let (epoch, seat, failed_over) = (self.epoch, self.seat, self.failed_over.is_set());
         let instance = Instance { epoch, seat, failed_over };
         keep(&mut watcher.setpoints, (self.header.valid_ns, instance));
@@ -259,7 +259,7 @@ impl Known for AppliedSetpoint {
 
 impl Known for GuidanceOrder {
     const TOPIC: &'static str = "guidance_order";
-    fn tell(&self, watcher: &mut Watcher) {
+    fn pass_to(&self, watcher: &mut Watcher) {
         if watcher.orders.len() == 16 {
             watcher.orders.pop_front();
         }

@@ -1,4 +1,4 @@
-//! Who can be asked to take a slot over.
+//! The processes that can be asked to take a slot over.
 
 use crate::services;
 use document::suggestion;
@@ -13,13 +13,13 @@ use std::path::{Path, PathBuf};
 /// As much of a script's first line as the system reads \[bytes\].
 const MAX_FIRST_LINE_BYTES: u64 = 255;
 
-/// As much of a program as tells for which machine it is \[bytes\].
+/// Length of the head of a program that names its machine \[bytes\].
 const ELF_HEAD: u64 = 20;
 
 /// How executables begin that are services by their name alone.
 const PREFIX: &str = "morphquad-";
 
-/// Who shall take a slot over.
+/// What shall take a slot over.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Candidate {
     /// A service inside the executable.
@@ -28,7 +28,7 @@ pub enum Candidate {
     Executable(PathBuf),
 }
 
-/// Why no candidate answers to a name: what is wrong, and what to do.
+/// Why a name has no candidate: what is wrong, and what to do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NoCandidate {
     /// What is wrong with the name.
@@ -38,7 +38,7 @@ pub struct NoCandidate {
 }
 
 impl Candidate {
-    /// Who answers to `to`: a service that fills the slot, the path of an executable, or
+    /// The candidate with the name `to`: a service that fills the slot, the path of an executable, or
     /// `morphquad-TO` beside this executable or on the search path.
     ///
     /// # Errors
@@ -112,7 +112,7 @@ fn executable(path: &Path) -> Result<PathBuf, NoCandidate> {
 }
 
 /// Why the system will hardly start a file that may be executed, as far as that can be seen without trying; none if
-/// nothing is in its way. A system can be taught to start more (`binfmt_misc`), so the last word is its own.
+/// nothing is in its way. A system can be taught to start more (`binfmt_misc`), so only the system can decide.
 #[must_use]
 pub fn unstartable(path: &Path) -> Option<&'static str> {
     if access(path, Access::EXEC_OK).is_err() {
@@ -148,12 +148,12 @@ fn missing_interpreter(path: &Path) -> Option<String> {
     // What cannot be read is for the system to judge.
     let head = head(path, MAX_FIRST_LINE_BYTES)?;
     let line = head.strip_prefix(b"#!")?.split(|byte| *byte == b'\n').next()?;
-    let mut words = str::from_utf8(line).ok()?.split_whitespace();
-    let interpreter = words.next()?;
+    let mut arguments = str::from_utf8(line).ok()?.split_whitespace();
+    let interpreter = arguments.next()?;
     if Path::new(interpreter).file_name() != Some(OsStr::new("env")) {
         return (!Path::new(interpreter).exists()).then(|| interpreter.to_owned());
     }
-    let name = words.find(|word| !word.starts_with('-') && !word.contains('='))?;
+    let name = arguments.find(|word| !word.starts_with('-') && !word.contains('='))?;
     let path = std::env::var_os("PATH").unwrap_or_default();
     let is_there = std::env::split_paths(&path).any(|folder| folder.join(name).is_file());
     (!is_there).then(|| name.to_owned())
@@ -249,9 +249,9 @@ mod tests {
         ] {
             fs::write(&path, bytes).unwrap();
             fs::set_permissions(&path, Permissions::from_mode(0o755)).unwrap();
-            let told = unstartable(&path);
-            assert_eq!(told.is_some(), why.is_some(), "{told:?}");
-            assert!(why.is_none_or(|why| told.unwrap().contains(why)), "{told:?}");
+            let reason = unstartable(&path);
+            assert_eq!(reason.is_some(), why.is_some(), "{reason:?}");
+            assert!(why.is_none_or(|why| reason.unwrap().contains(why)), "{reason:?}");
         }
         // As on a mount that executes nothing.
         fs::set_permissions(&path, Permissions::from_mode(0o644)).unwrap();

@@ -68,7 +68,7 @@ impl Scenario {
         Ok((config, InitialState { velocity_w, q_wb, ..initial }))
     }
 
-    /// What every controller is told beside its own section.
+    /// What every controller is given beside its own section.
     #[must_use]
     pub fn flight_facts(&self) -> FlightFacts {
         let settings = &self.settings;

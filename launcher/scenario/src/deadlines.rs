@@ -110,8 +110,8 @@ mod tests {
     #[test]
     fn only_a_topic_with_a_latency_can_do_without_and_only_by_the_wall_clock() {
         for name in ["imu", "wrench_comand", "loop_stats"] {
-            let told = problem(&format!("[realtime]\nasap = [\"{name}\"]\n")).to_string();
-            assert!(told.contains("realtime.asap") && told.contains(name), "{told}");
+            let message = problem(&format!("[realtime]\nasap = [\"{name}\"]\n")).to_string();
+            assert!(message.contains("realtime.asap") && message.contains(name), "{message}");
         }
         let text = |clock: &str| {
             format!("[scenario]\nclock = \"{clock}\"\n[realtime]\nasap = [\"wrench_command\"]\n")

@@ -1,4 +1,4 @@
-//! What a scenario does not say itself because its trajectory does: the rows of a file, and where, how fast and for how
+//! What a scenario does not set itself because its trajectory does: the rows of a file, and where, how fast and for how
 //! long a flight flies.
 
 use super::pilot_error::pilot_error;
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
-/// Time at rest behind the end, if the scenario does not say how long it flies \[s\].
+/// Time at rest behind the end, if the scenario does not set how long it flies \[s\].
 const HOLD_S: f64 = 2.0;
 
 /// Longest flight that a scenario may have \[s\].
@@ -23,7 +23,7 @@ const MAX_FLIGHT_S: f64 = 1e6;
 const REST_M_S: f64 = 1e-3;
 
 /// What a trajectory adds to its scenario: the rows of its file, where and how fast the flight begins and how long it
-/// is, as far as the scenario does not say so itself.
+/// is, as far as the scenario does not set it itself.
 ///
 /// # Errors
 /// The file cannot be read, or what it has cannot be flown.
@@ -55,14 +55,14 @@ pub(super) fn embedded(document: &Document<'_>) -> Result<Vec<Edit>, Problem> {
             let (_, what, remedy) = pilot_error(&error);
             return Err(table.problem(error.index(), &what, &remedy));
         }
-        // What is wrong with the scenario's own rows is said when it is checked.
+        // What is wrong with the scenario's own rows is reported when it is checked.
         (Err(_), None) => return Ok(Vec::new()),
     };
     edits.extend(implied(document, &path, &name)?);
     Ok(edits)
 }
 
-/// Where, how fast and for how long a flight along `path` flies, as far as the scenario does not say so; `name` is what
+/// Where, how fast and for how long a flight along `path` flies, as far as the scenario does not set it; `name` is what
 /// it comes from.
 fn implied(
     document: &Document<'_>,

@@ -1,4 +1,4 @@
-//! The keys of a scenario, told by the types that read them: what each is called, takes and means.
+//! The keys of a scenario, described by the types that read them: what each is called, takes and means.
 
 use ::pilot::settings as pilot;
 use disturbance_injector as event;
@@ -39,13 +39,13 @@ pub struct Key {
 /// All sections in the order of the alphabet.
 #[must_use]
 pub fn sections() -> Vec<Section> {
-    macro_rules! told {
+    macro_rules! described {
         (@ section $name:ident $type:ty) => { section::<$type>(stringify!($name)) };
         (@ list $name:ident $type:ty) => { list::<$type>(stringify!($name)) };
         (@ $how:ident $name:ident $type:ty) => { $how(stringify!($name)) };
-        ($($name:ident $how:ident $type:ty,)*) => { vec![$(told!(@ $how $name $type)),*] };
+        ($($name:ident $how:ident $type:ty,)*) => { vec![$(described!(@ $how $name $type)),*] };
     }
-    let mut sections = with_sections!(told);
+    let mut sections = with_sections!(described);
     sections.sort_by_key(|section| section.name);
     sections
 }
@@ -84,12 +84,12 @@ fn pilot(name: &'static str) -> Section {
 
 fn injector(name: &'static str) -> Section {
     let mut section = section::<event::settings::Settings>(name);
-    macro_rules! told {
+    macro_rules! described {
         ($($kind:ident $variant:ident,)*) => {
             [$((stringify!($kind), schema::<event::$variant>())),*]
         };
     }
-    let kinds = with_events!(told);
+    let kinds = with_events!(described);
     let list = format!("{name}.script");
     section.keys.retain(|key| key.name != list);
     let script = format!("{list}[]");
@@ -101,11 +101,11 @@ fn injector(name: &'static str) -> Section {
 }
 
 /// The key that decides which others there are.
-fn kind(name: &str, words: &[&str]) -> Key {
+fn kind(name: &str, values: &[&str]) -> Key {
     Key {
         name: name.to_owned(),
         kind: None,
-        takes: words.join(" | "),
+        takes: values.join(" | "),
         range: [None, None],
         default: None,
         is_required: true,
@@ -148,8 +148,8 @@ fn walk(prefix: &str, schema: &Value, kind: Option<&'static str>, keys: &mut Vec
             let is_required =
                 required.is_some_and(|names| names.iter().any(|name| name == property.as_str()));
             let (takes, range) = form(&value);
-            // What a variant of a type has is told by the variant.
-            let meaning = Some(meaning(&value)).filter(|words| !words.is_empty());
+            // The meaning of a field of a variant is that of the variant.
+            let meaning = Some(meaning(&value)).filter(|text| !text.is_empty());
             let meaning = meaning.unwrap_or_else(|| self::meaning(schema));
             keys.push(Key { name, kind, takes, range, default, is_required, meaning });
         }
@@ -169,13 +169,13 @@ fn present(value: &Value) -> Value {
     Value::Object(merged)
 }
 
-/// Words for what a value may be, and its range.
+/// Text for what a value may be, and its range.
 fn form(value: &Value) -> (String, [Option<f64>; 2]) {
     let number = |value: &Value, name: &str| value.get(name).and_then(Value::as_f64);
     let range = |value: &Value| [number(value, "minimum"), number(value, "maximum")];
-    let words = words(value);
-    if !words.is_empty() {
-        return (words.join(" | "), [None, None]);
+    let values = values(value);
+    if !values.is_empty() {
+        return (values.join(" | "), [None, None]);
     }
     let kinds = match value.get("type") {
         Some(Value::Array(kinds)) => kinds.iter().filter_map(Value::as_str).collect(),
@@ -204,44 +204,44 @@ fn form(value: &Value) -> (String, [Option<f64>; 2]) {
     }
 }
 
-/// The words of an enumeration.
-fn words(value: &Value) -> Vec<String> {
+/// The values of an enumeration.
+fn values(value: &Value) -> Vec<String> {
     let word = |value: &Value| value.as_str().map(str::to_owned);
-    if let Some(Value::Array(words)) = value.get("enum") {
-        return words.iter().filter_map(word).collect();
+    if let Some(Value::Array(values)) = value.get("enum") {
+        return values.iter().filter_map(word).collect();
     }
     let Some(Value::Array(variants)) = value.get("oneOf") else { return Vec::new() };
     let of_variant = |variant: &Value| match variant.get("const") {
         Some(one) => word(one).into_iter().collect(),
-        None => words(variant),
+        None => values(variant),
     };
     variants.iter().flat_map(of_variant).collect()
 }
 
-/// The words of a type or field about itself, in one line.
+/// The description of a type or field, in one line.
 fn meaning(value: &Value) -> String {
-    let words = value.get("description").and_then(Value::as_str).unwrap_or_default();
-    let first = words.split("\n\n").next().unwrap_or_default();
-    let mut words = first.replace('\n', " ");
+    let text = value.get("description").and_then(Value::as_str).unwrap_or_default();
+    let first = text.split("\n\n").next().unwrap_or_default();
+    let mut text = first.replace('\n', " ");
     // A link is a name here.
     let mut from = 0;
-    while let Some(begin) = words[from..].find("[`").map(|at| from + at) {
-        let name = words[begin + 2..].find('`').map(|length| begin + 2 + length);
-        let Some(end) = name.filter(|end| words[*end..].starts_with("`]")) else {
+    while let Some(begin) = text[from..].find("[`").map(|at| from + at) {
+        let name = text[begin + 2..].find('`').map(|length| begin + 2 + length);
+        let Some(end) = name.filter(|end| text[*end..].starts_with("`]")) else {
             from = begin + 2;
             continue;
         };
-        words.remove(end + 1);
-        words.remove(begin);
+        text.remove(end + 1);
+        text.remove(begin);
     }
     for (escaped, bare) in [("\\[", "["), ("\\]", "]")] {
-        words = words.replace(escaped, bare);
+        text = text.replace(escaped, bare);
     }
-    words
+    text
 }
 
 impl Key {
-    /// The range in words; empty if any number will do.
+    /// The range as text; empty if any number will do.
     #[must_use]
     pub fn range_in_words(&self) -> String {
         match self.range {

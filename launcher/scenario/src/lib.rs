@@ -77,7 +77,7 @@ impl Scenario {
         }
         let text = text::read(name_or_path)?;
         let table: Option<toml::Table> = text.parse().ok();
-        // A flight is called as its scenario is, and that as its file unless it says otherwise.
+        // A flight has the name of its scenario, and a scenario without a name that of its file.
         let is_nameless = table.as_ref().is_some_and(|table| match table.get("scenario") {
             Some(scenario) => scenario.as_table().is_some_and(|own| !own.contains_key("name")),
             None => true,
@@ -91,7 +91,7 @@ impl Scenario {
         });
         let overrides: Vec<Override> = own.into_iter().chain(overrides.iter().cloned()).collect();
         let scenario = Self::from_text(name_or_path, &text, &overrides)?;
-        if table.is_some_and(|table| text::says_nothing(&table)) {
+        if table.is_some_and(|table| text::has_no_value(&table)) {
             return Err(no_key(name_or_path));
         }
         Ok(scenario)
@@ -112,7 +112,7 @@ impl Scenario {
         })?;
         let scenario = Self::from_text(name, &text, overrides)?;
         // Of a program that was to write one and failed.
-        if text.parse().is_ok_and(|table: toml::Table| text::says_nothing(&table)) {
+        if text.parse().is_ok_and(|table: toml::Table| text::has_no_value(&table)) {
             return Err(no_key(name));
         }
         Ok(scenario)

@@ -52,7 +52,7 @@ impl Tasks {
     /// Of this process's user; none where nothing limits them.
     #[must_use]
     pub fn of_user() -> Option<Self> {
-        // The limit is not for root, whatever it says.
+        // The limit does not apply to root, whatever its value.
         let limit = getrlimit(Resource::Nproc).current.filter(|_| !geteuid().is_root())?;
         let own = geteuid().as_raw();
         let processes = fs::read_dir("/proc").ok()?.flatten();
@@ -101,7 +101,7 @@ pub enum Shortage {
         by.display()
     )]
     All {
-        /// File of the kernel that says so.
+        /// File of the kernel that sets the limit.
         by: PathBuf,
         /// What is left \[MB\].
         free_mb: u64,
@@ -135,7 +135,7 @@ impl MemoryNeed {
     }
 
     /// Whether it can be had here, where `taken_mb` of the shared memory are its own already. What the system does not
-    /// tell is not short.
+    /// report is not short.
     ///
     /// # Errors
     /// What is short.
@@ -163,7 +163,7 @@ impl MemoryNeed {
     }
 }
 
-/// Shared memory that is free \[MB\]; none if the system does not say.
+/// Shared memory that is free \[MB\]; none if the system does not report it.
 #[must_use]
 pub fn free_shared_memory_mb() -> Option<u64> {
     let stat = rustix::fs::statvfs(BASE).ok()?;

@@ -136,8 +136,8 @@ mod tests {
     fn flown(text: &str, flags: &[Override]) -> Result<Scenario, String> {
         Scenario::from_text("x.toml", &format!("[scenario]\nduration_s = 10.0\n{text}"), flags)
             .map_err(|error| {
-                let told = error.problems().map(|p| format!("{p}: {}", p.remedy()));
-                told.collect::<Vec<_>>().join(
+                let problems = error.problems().map(|p| format!("{p}: {}", p.remedy()));
+                problems.collect::<Vec<_>>().join(
                     "
 ",
                 )
@@ -172,10 +172,10 @@ mod tests {
 
     #[test]
     fn orders_that_cannot_be_carried_out_are_refused_with_their_range() {
-        let refused = |flag: Override, words: &[&str]| {
-            let told = flown("", &[flag]).unwrap_err();
-            for word in words {
-                assert!(told.contains(word), "{word}: {told}");
+        let refused = |flag: Override, parts: &[&str]| {
+            let message = flown("", &[flag]).unwrap_err();
+            for part in parts {
+                assert!(message.contains(part), "{part}: {message}");
             }
         };
         let goto = |text| Override::goto(text).unwrap();
@@ -200,7 +200,7 @@ mod tests {
     fn a_rig_morphs_and_goes_nowhere() {
         let rig = "[pilot]\nkind = \"attitude_step\"\n";
         assert!(flown(rig, &[Override::morph("90@3s").unwrap()]).is_ok());
-        let told = flown(rig, &[Override::goto("0,0,1@3s").unwrap()]).unwrap_err();
-        assert!(told.contains("rig"), "{told}");
+        let message = flown(rig, &[Override::goto("0,0,1@3s").unwrap()]).unwrap_err();
+        assert!(message.contains("rig"), "{message}");
     }
 }

@@ -137,7 +137,7 @@ impl Override {
         Self(Edit::added(shown, list, entry))
     }
 
-    /// `--controller SLOT=NAME`: who fills a slot.
+    /// `--controller SLOT=NAME`: the service that fills a slot.
     ///
     /// # Errors
     /// No `=`, no such slot, or no service of that name that fills it.

@@ -1,4 +1,4 @@
-//! What the pilot refuses, in the words of a scenario.
+//! What the pilot refuses, by the keys of a scenario.
 
 use ::pilot::PilotError;
 use document::Complaint;

@@ -1,4 +1,4 @@
-//! Who of a realtime flight's loops goes first: the faster one, unless the scenario says otherwise.
+//! Which of a realtime flight's loops goes first: the faster one, unless the scenario sets its priority.
 
 use super::settings::RealtimeSettings;
 use host::flight::Claim;

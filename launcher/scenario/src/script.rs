@@ -59,7 +59,7 @@ fn slot_schema(_: &mut SchemaGenerator) -> Schema {
     json_schema!({ "type": "string", "enum": Slot::ALL.map(Slot::label) })
 }
 
-/// How long a candidate shadows unless told otherwise \[s\].
+/// Default time that a candidate shadows \[s\].
 pub const SHADOW_S: f64 = 1.0;
 
 fn shadow_s() -> f64 {

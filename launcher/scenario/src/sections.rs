@@ -16,8 +16,8 @@ macro_rules! with_controllers {
     };
 }
 
-/// Hands the sections to a macro in the order told, each as its name, how it is read, and its type: `section` is a table,
-/// `list` several of them under one name, and the others have readers of their own.
+/// Hands the sections to a macro in the order below, each as its name, how it is read, and its type: `section` is a
+/// table, `list` several of them under one name, and the others have readers of their own.
 macro_rules! with_sections {
     ($with:ident) => {
         with_controllers! { among_sections [$with] }

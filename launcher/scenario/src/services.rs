@@ -1,11 +1,11 @@
-//! The built-in services by name, and who fills which slot.
+//! The built-in services by name, and which of them fills which slot.
 
 use crate::Settings;
 use ::controller::ControllerSection as _;
 use runtime::graph::ROLES;
 use shared_types::{Role, Slot};
 
-/// Who steps, and at what rate.
+/// A service that steps, and its rate.
 #[derive(Debug)]
 pub(crate) struct Loop {
     /// Its name in commands and messages.
@@ -110,7 +110,7 @@ pub fn names_for(role: Role) -> impl Iterator<Item = &'static str> + Clone {
     LOOPS.iter().filter(move |service| service.role == role).map(|service| service.name)
 }
 
-/// Who fills which role.
+/// Which service fills which role.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Assignment([&'static str; ROLES]);
 
@@ -121,7 +121,7 @@ impl Default for Assignment {
 }
 
 impl Assignment {
-    /// Who flies a scenario. A name that fills nothing, which no scenario that has been loaded has,
+    /// The services that fly a scenario. A name that fills nothing, which no scenario that has been loaded has,
     /// changes nothing.
     #[must_use]
     pub fn of(settings: &Settings) -> Self {

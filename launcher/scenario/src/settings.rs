@@ -43,13 +43,13 @@ impl Settings {
         !(slots && self.order.is_empty())
     }
 
-    /// Names and paths of those who join the flight.
+    /// Names and paths of the processes that join the flight.
     pub(super) fn candidates(&self) -> impl Iterator<Item = &str> {
         let swaps = self.swap.iter().map(|swap| swap.to.as_str());
         swaps.chain(self.standby.iter().map(|standby| standby.name.as_str()))
     }
 
-    /// True if no state tells all of what the flight goes through: it is taken up in the middle by flying it from the start.
+    /// True if no state describes all of what the flight goes through: it is resumed by flying it from the start.
     #[must_use]
     pub fn is_more_than_states(&self) -> bool {
         self.is_scripted() || !self.timing.is_empty()
@@ -84,7 +84,7 @@ pub struct ControllerSettings {
 }
 
 impl ControllerSettings {
-    /// What is said about each slot.
+    /// The setting of each slot.
     #[must_use]
     pub fn slots(&self) -> [(Role, Option<&str>); 2] {
         [(Role::Position, self.position.as_deref()), (Role::Attitude, self.attitude.as_deref())]
@@ -130,7 +130,7 @@ impl Default for ScenarioSettings {
 }
 
 impl ScenarioSettings {
-    /// True if it is asked for in so many words to be as fast as possible.
+    /// True if the scenario explicitly asks to be flown as fast as possible.
     #[must_use]
     pub fn is_unpaced(&self) -> bool {
         self.speed == Some(Speed::Max)
@@ -299,7 +299,7 @@ impl Default for RealtimeSettings {
 }
 
 impl RealtimeSettings {
-    /// What the scenario says about the loop that fills `role`.
+    /// The settings of the loop that fills `role`.
     #[must_use]
     pub fn of(&self, role: Role) -> Option<&LoopSettings> {
         match role {
@@ -314,7 +314,7 @@ impl RealtimeSettings {
         }
     }
 
-    /// How long the step of `role` waits for `topic`, if the scenario says so \[s\].
+    /// How long the step of `role` waits for `topic`, if the scenario sets it \[s\].
     #[must_use]
     pub fn deadline_s(&self, role: Role, topic: &str) -> Option<f64> {
         let deadlines = &self.of(role)?.deadline;

@@ -1,6 +1,6 @@
 //! The section `[start]`: where the flight begins, and how it moves there.
 //!
-//! Left out, all that tells of motion is rest at trim. A rehearsal writes every key, so that its flight
+//! Left out, all keys of motion mean rest at trim. A rehearsal writes every key, so that its flight
 //! can be read and flown by any user.
 
 use garde::Validate;

@@ -75,7 +75,7 @@ fn the_effective_text_reads_back_to_itself_with_every_float_exact() {
         assert_eq!(again.settings().scenario.seed, 9_007_199_254_740_993);
         assert_eq!(again.settings().start.yaw_deg.to_bits(), odd[2].to_bits());
     }
-    // The fourth number is out of range, which says that the values arrived as written.
+    // The fourth number is out of range, which shows that the values arrived as written.
     assert!(overridden("hover", &edits[..1]).key().starts_with("start.position_w_m[2]"));
 }
 
@@ -395,16 +395,16 @@ fn a_section_under_the_name_of_before_is_read_with_a_warning() {
     let Settings { monitor, realtime, .. } = scenario.settings();
     assert_eq!((monitor.tilt_rad, monitor.enabled), (0.9, false));
     assert_eq!(realtime.monitor.priority, Some(7));
-    let told: Vec<_> = scenario.warnings().iter().map(|w| (w.key(), w.line())).collect();
-    assert_eq!(told, [("watch", Some(2)), ("realtime.watch", Some(4)), ("watch", Some(1))]);
+    let places: Vec<_> = scenario.warnings().iter().map(|w| (w.key(), w.line())).collect();
+    assert_eq!(places, [("watch", Some(2)), ("realtime.watch", Some(4)), ("watch", Some(1))]);
     assert_eq!(scenario.warnings()[1].remedy(), "write `realtime.monitor`");
     let again = Scenario::from_text("new.toml", scenario.to_toml(), &[]).unwrap();
     assert!(again.warnings().is_empty() && !again.to_toml().contains("watch"));
     let crew = set("crew.attitude=attitude-lqr");
     let scenario =
         Scenario::from_text("old.toml", "[crew]\nposition = \"position-pid\"\n", &[crew]).unwrap();
-    let told: Vec<_> = scenario.warnings().iter().map(|w| (w.key(), w.file())).collect();
-    assert_eq!(told, [("crew", Some("old.toml")), ("crew", Some("command line"))]);
+    let places: Vec<_> = scenario.warnings().iter().map(|w| (w.key(), w.file())).collect();
+    assert_eq!(places, [("crew", Some("old.toml")), ("crew", Some("command line"))]);
     let assignment = services::Assignment::of(scenario.settings());
     let flies = [Role::Attitude, Role::Position].map(|role| assignment.name(role));
     assert_eq!(flies, ["attitude-lqr", "position-pid"]);
@@ -477,14 +477,14 @@ fn a_vehicle_that_its_rotors_or_its_bounds_cannot_carry_is_told_before_it_flies(
     let weak = "[vehicle]\nrotor_thrust_max_n = 0.3\n";
     assert_at(&problem(weak), 2, "vehicle.rotor_thrust_max_n", "0.309 N or more");
     let heavy = Scenario::from_text("heavy.toml", "[plant.mismatch]\nmass_scale = 1.75\n", &[]);
-    let told = format!("{:?}", heavy.unwrap().warnings());
-    assert!(told.contains("2.06 N") && told.contains("2.00 N"), "{told}");
+    let warnings = format!("{:?}", heavy.unwrap().warnings());
+    assert!(warnings.contains("2.06 N") && warnings.contains("2.00 N"), "{warnings}");
 }
 
 #[test]
 fn a_look_beyond_the_told_reference_is_told_with_the_spacing_that_suffices() {
     let far = "[position_mpc]\nprediction_horizon = 200\n";
     let far = Scenario::from_text("far.toml", far, &[]).unwrap();
-    let told = format!("{:?}", far.warnings());
-    assert!(told.contains("2.33 s") && told.contains("write 0.087 or more"), "{told}");
+    let warnings = format!("{:?}", far.warnings());
+    assert!(warnings.contains("2.33 s") && warnings.contains("write 0.087 or more"), "{warnings}");
 }

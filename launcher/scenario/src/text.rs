@@ -62,13 +62,13 @@ pub(super) fn read_all(from: impl Read) -> io::Result<String> {
     let mut text = String::new();
     let length = from.take(MAX_BYTES + 1).read_to_string(&mut text)?;
     if length as u64 > MAX_BYTES {
-        let told = format!("it is longer than {} MB", MAX_BYTES >> 20);
-        return Err(io::Error::other(told));
+        let reason = format!("it is longer than {} MB", MAX_BYTES >> 20);
+        return Err(io::Error::other(reason));
     }
     Ok(text)
 }
 
 /// True without any value, however many sections there are.
-pub(super) fn says_nothing(table: &toml::Table) -> bool {
-    table.values().all(|value| value.as_table().is_some_and(says_nothing))
+pub(super) fn has_no_value(table: &toml::Table) -> bool {
+    table.values().all(|value| value.as_table().is_some_and(has_no_value))
 }

@@ -272,7 +272,7 @@ fn refuse_in_realtime(entry: &TimingSettings, read: &Entry) -> Result<(), Refusa
     refuse(key, what, "fly it with clock = \"lockstep\", or with start_late_s and step_s alone")
 }
 
-/// Entries that say nothing that can be done.
+/// Entries that ask for nothing that can be done.
 pub(super) fn check(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     let mut complaints = Vec::new();
     if settings.timing.is_empty() {

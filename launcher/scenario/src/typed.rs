@@ -103,7 +103,7 @@ impl<'t> Reader<'_, 't> {
             // The validator numbers an enum's only field, which the text does not.
             let key = format!("{name}.{path}").replace("][0].", "].");
             let place = self.document.place_of(&key);
-            let (what, remedy) = range_in_words(error.message());
+            let (what, remedy) = range_message(error.message());
             self.problems.push(Problem::new(key, what, remedy, place));
         }
     }
@@ -114,7 +114,7 @@ impl<'t> Reader<'_, 't> {
             Err(error) => {
                 let span = error.span().unwrap_or(0..0);
                 let key = self.document.key_at(&span);
-                let (what, remedy) = type_in_words(error.message());
+                let (what, remedy) = type_message(error.message());
                 self.complain(&key, what, remedy, &span);
                 None
             }
@@ -233,7 +233,7 @@ impl<'t> Reader<'_, 't> {
 }
 
 /// A validator's message, and what to do.
-fn range_in_words(message: &str) -> (String, String) {
+fn range_message(message: &str) -> (String, String) {
     if let Some(least) = message.strip_prefix("lower than ") {
         return (format!("is {message}"), format!("write a number of at least {least}"));
     }
@@ -248,7 +248,7 @@ fn range_in_words(message: &str) -> (String, String) {
 }
 
 /// A parser's message, and what to do.
-fn type_in_words(message: &str) -> (String, String) {
+fn type_message(message: &str) -> (String, String) {
     if let Some(rest) = message.strip_prefix("unknown field ") {
         return ("there is no such key here".to_owned(), among(rest));
     }
@@ -272,8 +272,8 @@ fn type_in_words(message: &str) -> (String, String) {
 
 /// From "`given`, expected one of `a`, `b`" to a sentence.
 fn among(message: &str) -> String {
-    let mut words = message.split('`').skip(1).step_by(2);
-    let given = words.next().unwrap_or("");
-    let known: Vec<&str> = words.collect();
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    let given = quoted.next().unwrap_or("");
+    let known: Vec<&str> = quoted.collect();
     suggestion(given, known.iter().copied())
 }

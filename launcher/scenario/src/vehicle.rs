@@ -48,7 +48,7 @@ impl Default for VehicleSettings {
             rotor_thrust_max_n: None,
             rotor_lag_s: nominal.rotor_lag_s,
             drag_n_s_m: nominal.drag_n_s_m,
-            // Said here in degrees: back and forth through radians would not be exact.
+            // Given here in degrees: back and forth through radians would not be exact.
             servo_rate_limit_deg_s: 700.0,
             servo_lag_s: nominal.servo_lag_s,
             geometry: GeometrySettings::default(),

@@ -8,7 +8,7 @@ use shared_types::time::ns_from_s;
 use shared_types::{Role, TopicInfo, topics};
 use thiserror::Error;
 
-/// Realtime: how long a loop waits for its inputs unless the scenario says otherwise. Half of the
+/// Realtime: how long a loop waits for its inputs unless the scenario sets it. Half of the
 /// shortest declared latency, so that the other half is left to compute; never more than half of the
 /// loop's own period.
 const INPUT_DEADLINE_S: f64 = 0.0005;

@@ -28,7 +28,7 @@ pub struct Check {
     pub grade: Grade,
     /// Takes the measurement from an outcome; `None` if the outcome has no such measurement.
     pub measure: fn(&Outcome) -> Option<f64>,
-    /// Text that says when or where the measurement was taken.
+    /// Text that states when or where the measurement was taken.
     pub detail: fn(&Outcome) -> String,
 }
 

@@ -99,13 +99,13 @@ impl Verdict {
         self.grade
     }
 
-    /// True if nothing speaks against the flight.
+    /// True if there is no reason against the flight.
     #[must_use]
     pub fn passed(&self) -> bool {
         self.grade == Grade::Passed
     }
 
-    /// Why, the worst first; at least one. Of a flight that passed it is what speaks for it.
+    /// Why, the worst first; at least one. Of a flight that passed it is the evidence that it did.
     #[must_use]
     pub fn reasons(&self) -> &[Reason] {
         &self.reasons

@@ -26,8 +26,8 @@ fn finite<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::
 }
 
 pub(crate) fn of_a_check(check: &Check, outcome: &Outcome, measured: f64, limit: f64) -> Reason {
-    let (told, told_limit) = check.unit.tell_both(measured, limit);
-    let text = format!("{} {told}{}, limit {told_limit}", check.name, (check.detail)(outcome));
+    let (value, limit_text) = check.unit.tell_both(measured, limit);
+    let text = format!("{} {value}{}, limit {limit_text}", check.name, (check.detail)(outcome));
     Reason { grade: check.grade, key: check.key, measured, limit, text }
 }
 
@@ -73,8 +73,8 @@ pub(crate) fn of_success(outcome: &Outcome, thresholds: &Thresholds) -> Reason {
     let recovering = recovering.filter(|error_m| *error_m > measured);
     let recovering = recovering
         .map_or(String::new(), |error_m| format!(" ({} while it recovered)", unit.tell(error_m)));
-    let (measured_told, limit_told) = (unit.tell(measured), unit.tell(limit));
+    let (measured_text, limit_text) = (unit.tell(measured), unit.tell(limit));
     let text =
-        format!("flown {flown_s:.3} s, {name} {measured_told}{recovering}, limit {limit_told}");
+        format!("flown {flown_s:.3} s, {name} {measured_text}{recovering}, limit {limit_text}");
     Reason { grade: Grade::Passed, key, measured, limit, text }
 }

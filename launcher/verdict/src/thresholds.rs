@@ -21,7 +21,7 @@ const YIELD_S2: f64 = 0.03;
 /// Limit on the mean error over a second, as a share of the limit on the largest error.
 const SUSTAINED_SHARE: f64 = 0.6;
 /// Permitted error of the heading along a path, apart from recoveries \[rad\]: several times that of a shipped controller
-/// that is ordered to turn around, which `report` tells of `run hover --goto 0,0,1.5,170@3s`.
+/// that is ordered to turn around, which `report` prints for `run hover --goto 0,0,1.5,170@3s`.
 const HEADING_RAD: f64 = 0.5;
 /// Permitted tilt in excess of twice the largest commanded angle \[rad\].
 const TILT_MARGIN_RAD: f64 = 0.2;

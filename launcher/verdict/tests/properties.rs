@@ -225,16 +225,16 @@ proptest! {
         prop_assert!(verdict.reasons().is_sorted_by(|a, b| a.grade >= b.grade));
         for reason in verdict.reasons() {
             let between = if reason.key == "flown_s" { " of " } else { "limit " };
-            let (told, limit) = reason.text.split_once(between).unwrap_or(("", ""));
+            let (head, limit) = reason.text.split_once(between).unwrap_or(("", ""));
             prop_assert!(limit.starts_with(|c: char| c.is_ascii_digit() || "iN".contains(c)), "{}", reason.text);
-            let numbered = told.contains(|c: char| c.is_ascii_digit())
-                || told.contains("not a number") || told.contains("inf") || told.contains("NaN");
+            let numbered = head.contains(|c: char| c.is_ascii_digit())
+                || head.contains("not a number") || head.contains("inf") || head.contains("NaN");
             prop_assert!(numbered, "{}", reason.text);
             if reason.measured.is_finite() && !verdict.passed() && reason.key != "flown_s" {
                 prop_assert!(reason.measured > reason.limit, "{reason:?}");
                 // They are printed with enough digits to differ.
                 let limit = limit.split([';', ':']).next().unwrap_or(limit);
-                prop_assert!(!told.contains(&format!(" {limit},")), "{}", reason.text);
+                prop_assert!(!head.contains(&format!(" {limit},")), "{}", reason.text);
             }
         }
     }

@@ -7,13 +7,13 @@ use crate::report::{Counts, FloorReport, LoopReport};
 use crate::series::{Quantiles, Series};
 use std::collections::BTreeMap;
 
-fn told(us: u64) -> Quantiles {
+fn quantiles(us: u64) -> Quantiles {
     [us * 1000; 10].into_iter().collect::<Series>().quantiles().unwrap()
 }
 
 /// One loop with this lateness over a floor of 10 us.
 fn report(lateness_us: u64) -> LoopsReport {
-    let lateness = Figure::new(told(lateness_us), Some(told(10)), None);
+    let lateness = Figure::new(quantiles(lateness_us), Some(quantiles(10)), None);
     LoopsReport {
         format: FORMAT.to_owned(),
         format_version: FORMAT_VERSION,

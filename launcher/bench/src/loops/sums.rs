@@ -20,7 +20,7 @@ fn ping_of(role: Role) -> Option<(&'static str, Payload)> {
         Role::Estimator => Some(("imu", Payload::Imu)),
         Role::Attitude => Some(("estimate to attitude", Payload::StateEstimate)),
         Role::Position => Some(("estimate to position", Payload::StateEstimate)),
-        // At the rate of who sends it.
+        // At the rate of the loop that sends it.
         Role::Plant => Some(("command", Payload::WrenchCommand)),
         _ => None,
     }
@@ -65,7 +65,7 @@ impl Sums<'_> {
                 (key, of(true), of(false))
             });
             let mut seats: Vec<_> = seats.collect();
-            // A loop that no process ran is no less of the flight: it is told, with nothing to its name.
+            // A loop that no process ran still belongs to the flight: it is reported, without figures.
             let none_stepped = seats.iter().all(|(_, steps, _)| steps.ran == 0);
             seats.retain(|((_, seat), steps, _)| steps.ran > 0 || (none_stepped && *seat == 0));
             let alone = seats.len() == 1;

@@ -59,7 +59,7 @@ pub struct Chains {
     /// In the warm-up.
     pub cold: u64,
     /// Commands after the warm-up that arrived and cannot be followed back. Before, a controller may
-    /// have stepped without having heard of an estimate.
+    /// have stepped without having received an estimate.
     pub untraced: u64,
     /// Commands that nothing shows at the gate: the next one came before they took effect.
     pub unseen: u64,
@@ -177,7 +177,7 @@ fn computed(name: &'static str, step: &Stamp) -> Link {
     span(name, step.start_mono_ns, step.publish_mono_ns)
 }
 
-/// From arrival to the start of a step; nothing if the stamp does not say when it arrived.
+/// From arrival to the start of a step; nothing if the stamp has no arrival time.
 fn into_step(name: &'static str, step: &Stamp) -> [Link; 1] {
     [span(name, arrival_ns(step), step.start_mono_ns)]
 }

@@ -43,11 +43,11 @@ impl Window {
     }
 }
 
-/// Difference of a loop's running totals over the window; none without two words of it.
+/// Difference of a loop's running totals over the window; none without two samples of them.
 #[must_use]
 pub fn totals(watch: &Stopwatch, role: Role, seat: u32, window: &Window) -> Option<LoopStats> {
     let of_loop = watch.totals.iter().filter(|stats| {
-        // The recorder tells loops apart by 8 times the seat plus the role.
+        // The recorder distinguishes loops by 8 times the seat plus the role.
         stats.role == role && seat_of_loop(stats.header.seat) == seat
     });
     let mut warm = of_loop.filter(|stats| window.is_warm(stats.header.release_ns));
@@ -146,16 +146,16 @@ mod tests {
 
     #[test]
     fn totals_are_what_was_added_after_the_warm_up() {
-        let told = |release_ns, skipped| LoopStats {
+        let sample = |release_ns, skipped| LoopStats {
             header: Header { release_ns, seat: Role::Plant.0 + 8, ..Header::default() },
             role: Role::Plant,
             steps: release_ns,
             skipped,
             ..LoopStats::default()
         };
-        let totals_told = vec![told(0, 5), told(1000, 9), told(2000, 9), told(3000, 10)];
+        let samples = vec![sample(0, 5), sample(1000, 9), sample(2000, 9), sample(3000, 10)];
         let mut watch = Stopwatch::default();
-        watch.totals = totals_told;
+        watch.totals = samples;
         let since = totals(&watch, Role::Plant, 1, &WINDOW).unwrap();
         assert_eq!((since.steps, since.skipped), (2000, 1));
         assert!(totals(&watch, Role::Plant, 0, &WINDOW).is_none());

@@ -169,7 +169,7 @@ fn input_of(role: Role) -> Option<&'static str> {
     }
 }
 
-/// Every step of a loop once, in order: what it published most often tells of all steps.
+/// Every step of a loop once, in order: the topic with the most samples covers all steps.
 pub(crate) fn stamps(watch: &Stopwatch, role: Role, seat: u32) -> Vec<Stamp> {
     let of_role = topics::all().into_iter().filter(|topic| topic.from == role);
     let of_seat = of_role.filter_map(|topic| {
@@ -233,8 +233,8 @@ mod tests {
         let flown = watch(vec![step(1, 0, 10, 5), step(2, 1000, 20, 5), step(3, 4000, 100, 5)]);
         let steps = Steps::of(&flown, (Role::Estimator, 0), khz(), &WINDOW, true);
         assert_eq!((steps.ran, steps.lateness.len()), (3, 5));
-        let told = steps.lateness.quantiles().unwrap();
-        assert!((told.max_us - 2100.0).abs() < 3.0, "{told:?}");
+        let lateness = steps.lateness.quantiles().unwrap();
+        assert!((lateness.max_us - 2100.0).abs() < 3.0, "{lateness:?}");
         // 1 ms + 10 us and 3 ms + 80 us instead of whole milliseconds.
         let periods: Vec<_> = steps.period.bins().map(|(ns, n)| (ns / 1000, n)).collect();
         assert_eq!(periods, [(10, 1), (80, 1)]);

@@ -1,7 +1,7 @@
 //! The two processes of a floor: threads that only sleep and look at the clock, and pings over the bare
 //! transport.
 
-use super::{Seat as ThreadSeat, Talk, unheard};
+use super::{Seat as ThreadSeat, Talk, not_answered};
 use crate::BenchError;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
@@ -116,7 +116,7 @@ pub fn send(order: &FromOrder, talk: &mut Talk) -> Result<String, BenchError> {
         });
         held.push(Box::new(bus.create_bare_events(&ping.name)?));
     }
-    talk.ready().map_err(unheard)?;
+    talk.ready().map_err(not_answered)?;
     let Some(start_ns) = start(talk) else { return Ok("[]".to_owned()) };
     let (going, seat) = (Going::new(AtomicBool::new(true)), order.seat);
     let timers: Vec<_> = order
@@ -161,7 +161,7 @@ pub fn send(order: &FromOrder, talk: &mut Talk) -> Result<String, BenchError> {
     for sender in senders {
         sender.join().map_err(|_| BenchError::Peer("died while it sent pings".to_owned()))??;
     }
-    serde_json::to_string(&late).map_err(|error| unheard(error.into()))
+    serde_json::to_string(&late).map_err(|error| not_answered(error.into()))
 }
 
 fn send_pings<T: Sample + 'static>(
@@ -213,14 +213,14 @@ pub fn receive(order: &ToOrder, talk: &mut Talk) -> Result<String, BenchError> {
         })
         .collect();
     open.wait();
-    talk.ready().map_err(unheard)?;
+    talk.ready().map_err(not_answered)?;
     wait_for_the_end(talk);
     going.store(false, Ordering::Relaxed);
     let mut hops = ToAnswer::new();
     for reader in readers {
         hops.push(reader.join().map_err(|_| BenchError::Peer("died".to_owned()))??);
     }
-    serde_json::to_string(&hops).map_err(|error| unheard(error.into()))
+    serde_json::to_string(&hops).map_err(|error| not_answered(error.into()))
 }
 
 fn receive_pings<T: Sample + 'static>(
@@ -249,11 +249,11 @@ fn receive_pings<T: Sample + 'static>(
 }
 
 fn start(talk: &mut Talk) -> Option<u64> {
-    talk.hear()?.parse().ok()
+    talk.next_line()?.parse().ok()
 }
 
 fn wait_for_the_end(talk: &mut Talk) {
-    while talk.hear().is_some() {}
+    while talk.next_line().is_some() {}
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few thousand")]

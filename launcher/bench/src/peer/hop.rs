@@ -5,7 +5,7 @@
 //! instant before it was handed to the port, and counts until the reader has read all of it: through the
 //! runtime's ports once it is in effect, from the bare transport where it lies.
 
-use super::{Seat as ThreadSeat, Talk, unheard};
+use super::{Seat as ThreadSeat, Talk, not_answered};
 use crate::BenchError;
 use core::hint::black_box;
 use core::time::Duration;
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 /// Services of the measurement.
 pub const BARE: &str = "bare/hop";
-/// Tells the sender how far the receiver is.
+/// Service that reports the receiver's progress to the sender.
 pub const ACKNOWLEDGED: &str = "bare/acknowledged";
 /// The sender sits here.
 pub const SENDER: Role = Role::Estimator;
@@ -136,8 +136,8 @@ pub fn send(end: &End, talk: &mut Talk) -> Result<String, BenchError> {
     let bare = bus.bare_writer::<StateEstimate>(BARE)?;
     let (pipe, events) = (WakeNotifier::open(&bus, mailbox())?, bus.bare_notifier(BARE)?);
     let acknowledged = bus.bare_reader::<Progress>(ACKNOWLEDGED)?;
-    talk.ready().map_err(unheard)?;
-    let _ = talk.hear();
+    talk.ready().map_err(not_answered)?;
+    let _ = talk.next_line();
     let blocking = end.waiting == Waiting::Blocking;
     let (mut sent, mut due_ns) = (0, mono_now_ns());
     for _ in 0..end.blocks {
@@ -214,7 +214,7 @@ pub fn receive(end: &End, talk: &mut Talk) -> Result<String, BenchError> {
     let bare = bus.bare_reader::<StateEstimate>(BARE)?;
     let (pipe, events) = (WakeListener::open(&bus, mailbox())?, bus.bare_listener(BARE)?);
     let acknowledge = bus.bare_writer::<Progress>(ACKNOWLEDGED)?;
-    talk.ready().map_err(unheard)?;
+    talk.ready().map_err(not_answered)?;
     let carriers = end.waiting.carriers();
     let room = usize::try_from(end.blocks * BLOCK).unwrap_or(0);
     let mut hops: Hops = carriers.iter().map(|_| Vec::with_capacity(room)).collect();
@@ -254,5 +254,5 @@ pub fn receive(end: &End, talk: &mut Talk) -> Result<String, BenchError> {
             }
         }
     }
-    serde_json::to_string(&hops).map_err(|error| unheard(error.into()))
+    serde_json::to_string(&hops).map_err(|error| not_answered(error.into()))
 }

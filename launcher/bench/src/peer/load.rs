@@ -1,6 +1,6 @@
 //! Something else for the machine to do while it is measured: ordinary programs, one per processor.
 
-use super::{Peer, PeerRequest, Seat, Talk, unheard};
+use super::{Peer, PeerRequest, Seat, Talk, not_answered};
 use crate::BenchError;
 use crate::place::Place;
 use core::hint::black_box;
@@ -74,7 +74,7 @@ pub fn be_load(order: &LoadOrder, talk: &mut Talk) -> Result<String, BenchError>
     };
     // It has no name, so that nothing is left behind.
     let file = (order.load == Load::Io).then(tempfile::tempfile).transpose().map_err(full)?;
-    talk.ready().map_err(unheard)?;
+    talk.ready().map_err(not_answered)?;
     let going = AtomicBool::new(true);
     thread::scope(|scope| {
         let work = scope.spawn(|| {
@@ -85,7 +85,7 @@ pub fn be_load(order: &LoadOrder, talk: &mut Talk) -> Result<String, BenchError>
             compute(order.load, &going);
             Ok(())
         });
-        while talk.hear().is_some() {}
+        while talk.next_line().is_some() {}
         going.store(false, Ordering::Relaxed);
         work.join()
             .map_or_else(|_| Err(BenchError::Peer("died".to_owned())), |done| done.map_err(full))

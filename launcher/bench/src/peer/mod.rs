@@ -1,7 +1,7 @@
 //! The other processes of a measurement: this executable again, with an order on its standard input.
 //!
-//! An order is a line of JSON. A peer says `ready`, is told when to begin, and answers with one line. It
-//! leaves when its input ends, so that none outlives who started it.
+//! An order is a line of JSON. A peer prints `ready`, receives the start time, and answers with one line. It
+//! leaves when its input ends, so that none outlives the process that started it.
 
 pub mod floor;
 pub mod hop;
@@ -56,12 +56,12 @@ impl Seat {
             lock_memory: self.like_a_loop,
             timer_slack_ns: if self.like_a_loop { TIMER_SLACK_NS } else { 0 },
         };
-        // What is permitted was asked before; the rest is as for the loops, which say so.
+        // Permissions were checked before; the rest is set as for the loops, which report failures.
         let _ = setup.apply();
     }
 }
 
-/// Slack of the loops' timers unless a scenario says otherwise \[ns\].
+/// Default slack of the loops' timers \[ns\].
 const TIMER_SLACK_NS: u64 = 1000;
 
 /// A peer that has been started.
@@ -83,7 +83,7 @@ impl Peer {
             .arg("bench-peer")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
-            // A Ctrl-C at the terminal reaches who started it alone.
+            // A Ctrl-C at the terminal reaches only the process that started it.
             .process_group(0)
             .spawn()
             .map_err(failed)?;
@@ -91,27 +91,27 @@ impl Peer {
         let answers = child.stdout.take().ok_or(BenchError::Peer("has no output".to_owned()))?;
         let mut peer = Self { child, orders, answers: BufReader::new(answers) };
         let order = serde_json::to_string(order).map_err(|error| failed(error.into()))?;
-        peer.tell(&order)?;
-        let said = peer.hear()?;
-        if said != READY {
-            return Err(BenchError::Peer(format!("said `{said}` instead of `{READY}`")));
+        peer.send_line(&order)?;
+        let reply = peer.read_line()?;
+        if reply != READY {
+            return Err(BenchError::Peer(format!("said `{reply}` instead of `{READY}`")));
         }
         Ok(peer)
     }
 
-    /// Tells it something, in one line.
+    /// Sends it one line.
     ///
     /// # Errors
     /// It has gone.
-    pub fn tell(&mut self, line: &str) -> Result<(), BenchError> {
-        let told = self.orders.as_mut().map(|orders| writeln!(orders, "{line}"));
-        match told {
+    pub fn send_line(&mut self, line: &str) -> Result<(), BenchError> {
+        let sent = self.orders.as_mut().map(|orders| writeln!(orders, "{line}"));
+        match sent {
             Some(Ok(())) => Ok(()),
             _ => Err(BenchError::Peer("does not listen any more".to_owned())),
         }
     }
 
-    fn hear(&mut self) -> Result<String, BenchError> {
+    fn read_line(&mut self) -> Result<String, BenchError> {
         let mut line = String::new();
         match self.answers.read_line(&mut line) {
             Ok(count) if count > 0 => Ok(line.trim_end().to_owned()),
@@ -124,13 +124,13 @@ impl Peer {
     /// # Errors
     /// It gives none, or one of another build.
     pub fn answer<T: DeserializeOwned>(&mut self) -> Result<T, BenchError> {
-        let said = self.hear()?;
-        serde_json::from_str(&said).map_err(|error| {
+        let reply = self.read_line()?;
+        serde_json::from_str(&reply).map_err(|error| {
             BenchError::Peer(format!("gave an answer that means nothing: {error}"))
         })
     }
 
-    /// Tells it that it is enough, and takes its answer.
+    /// Closes its input, which ends its work, and takes its answer.
     ///
     /// # Errors
     /// As [`answer`](Self::answer).
@@ -153,7 +153,7 @@ impl Drop for Peer {
     }
 }
 
-/// What a peer says once it could begin.
+/// What a peer prints once it is ready to begin.
 const READY: &str = "ready";
 
 /// The peer's end of the conversation.
@@ -163,21 +163,21 @@ pub struct Talk {
 }
 
 impl Talk {
-    /// Says that everything is open.
+    /// Prints that everything is open.
     ///
     /// # Errors
     /// No process listens any more.
     pub fn ready(&self) -> io::Result<()> {
-        say(READY)
+        write_line(READY)
     }
 
-    /// The next line; none once nothing will ever be said again.
-    pub fn hear(&mut self) -> Option<String> {
+    /// The next line; none once the input has ended.
+    pub fn next_line(&mut self) -> Option<String> {
         self.orders.next()?.ok()
     }
 }
 
-fn say(line: &str) -> io::Result<()> {
+fn write_line(line: &str) -> io::Result<()> {
     let mut out = io::stdout().lock();
     writeln!(out, "{line}")?;
     out.flush()
@@ -187,7 +187,7 @@ fn say(line: &str) -> io::Result<()> {
 #[must_use]
 pub fn be_peer() -> u8 {
     let mut talk = Talk { orders: io::stdin().lines() };
-    let order = talk.hear().and_then(|line| serde_json::from_str::<PeerRequest>(&line).ok());
+    let order = talk.next_line().and_then(|line| serde_json::from_str::<PeerRequest>(&line).ok());
     let done = match order {
         Some(PeerRequest::HopFrom(end)) => hop::send(&end, &mut talk),
         Some(PeerRequest::HopTo(end)) => hop::receive(&end, &mut talk),
@@ -198,7 +198,7 @@ pub fn be_peer() -> u8 {
             Err(BenchError::Peer("got no order: it is started by `morphquad bench`".to_owned()))
         }
     };
-    match done.and_then(|answer| say(&answer).map_err(unheard)) {
+    match done.and_then(|answer| write_line(&answer).map_err(not_answered)) {
         Ok(()) => exit::PASS,
         Err(error) => {
             let _ = writeln!(io::stderr(), "morphquad bench-peer: {error}");
@@ -207,6 +207,6 @@ pub fn be_peer() -> u8 {
     }
 }
 
-pub(super) fn unheard(source: io::Error) -> BenchError {
+pub(super) fn not_answered(source: io::Error) -> BenchError {
     BenchError::System { action: "give an answer".to_owned(), source }
 }

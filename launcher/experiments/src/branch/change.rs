@@ -27,8 +27,8 @@ const FIXED: [(&str, &str); 15] = [
     ("plant.range_finder.rate_hz", "is in the sensor's memory"),
 ];
 
-/// Control periods that who takes a slot in a scripted flight shadows: half of them it tracks, and a gate
-/// wants ten commands of either half.
+/// Control periods that a candidate shadows before it takes a slot in a scripted flight: it tracks in half of them,
+/// and a gate needs ten commands of either half.
 const SHADOW_PERIODS: u64 = 24;
 
 /// What is changed at a branch.
@@ -36,7 +36,7 @@ const SHADOW_PERIODS: u64 = 24;
 pub struct Change {
     /// `KEY=VALUE` of the scenario.
     pub set: Vec<String>,
-    /// `SLOT=NAME`: who fills a slot from now on.
+    /// `SLOT=NAME`: the service that fills a slot from now on.
     pub swap: Vec<String>,
     /// Draw from the streams of this seed from now on.
     pub seed: Option<u64>,
@@ -77,7 +77,7 @@ pub enum ChangeError {
         swap: String,
         /// What is wrong.
         what: String,
-        /// Slots and who can fill them.
+        /// Slots and the services that can fill them.
         known: String,
     },
     /// Another kind of flight.
@@ -118,7 +118,7 @@ impl Change {
         !Self { duration: None, ..self.clone() }.is_none(recorded)
     }
 
-    /// Who flies from the branch on.
+    /// Services that fly from the branch on.
     fn assignment(&self, recorded: &Scenario) -> Result<Assignment, ChangeError> {
         let mut assignment = Assignment::of(recorded.settings());
         for swap in &self.swap {

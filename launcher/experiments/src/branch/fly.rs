@@ -11,7 +11,7 @@ use std::sync::Arc;
 pub struct FlownBranch {
     /// Of the whole flight, what was recorded before the branch included.
     pub summary: Summary,
-    /// What was flown since the branch, as a sweep tells it.
+    /// What was flown since the branch, as a sweep reports it.
     pub since: Outcome,
     /// Samples since the branch that are as recorded.
     pub same: u64,
@@ -19,7 +19,7 @@ pub struct FlownBranch {
     pub first: Option<Difference>,
 }
 
-/// Flies a branch of a recorded flight to its end. `origin` tells in the recording what it is, and
+/// Flies a branch of a recorded flight to its end. `origin` states in the recording what it is, and
 /// `branched` from where on its scenario holds.
 ///
 /// # Errors

@@ -25,7 +25,7 @@ use simulate::in_process::{
 };
 use std::sync::Arc;
 use thiserror::Error;
-use told::Told;
+use told::Deviations;
 
 /// A recorded flight, ready to go on from one instant.
 #[derive(Debug)]
@@ -40,8 +40,9 @@ pub struct Branch {
 enum From {
     /// The states of all services.
     States(Box<Checkpoint>),
-    /// The beginning: slots change hands in the flight, or its loops take time, and who sits where, waits or shadows, or
-    /// what is on the way, is what its script has come to. It is flown again up to the instant, which has been compared.
+    /// The beginning: slots change hands in the flight, or its loops take time. Which process sits where, waits or
+    /// shadows, and which samples are on the way, then follows from its script alone. It is flown again up to the
+    /// instant, which has been compared.
     Script {
         /// What was recorded.
         tape: Arc<Tape>,
@@ -146,16 +147,16 @@ impl Branch {
         }
         let compare = Compare::with(Arc::clone(&tape), recorded_ns);
         let before = Checkpoint::before(Arc::clone(&tape), at_ns);
-        let seen = (compare, Told::default());
+        let seen = (compare, Deviations::default());
         let mut flight = InProcess::resume(&scenario, seen, &before)?;
         let begun = flight.marks_ns();
         flight.repeat(&tape, at_ns);
         flight.fly_until(at_ns)?;
-        let told = |(role, from_ns): (Role, u64)| {
-            flight.seen(|(_, told)| told.difference(&tape, role, (from_ns, at_ns)))
+        let difference_of = |(role, from_ns): (Role, u64)| {
+            flight.seen(|(_, deviations)| deviations.difference(&tape, role, (from_ns, at_ns)))
         };
         let difference = flight.seen(|(compare, _)| compare.verdict(at_ns).first);
-        if let Some(difference) = difference.or_else(|| begun.into_iter().find_map(told)) {
+        if let Some(difference) = difference.or_else(|| begun.into_iter().find_map(difference_of)) {
             return Err(BranchError::NotRepeated { difference, remedy });
         }
         let from = From::States(Box::new(flight.checkpoint(tape, at_ns)));

@@ -31,11 +31,11 @@ impl Sweep<'_> {
         Change { set, seed, ..self.change.clone() }
     }
 
-    /// Flies every case; `progress` is told of each. Figures are of what is flown from the branch on,
+    /// Flies every case; `progress` is called after each. Figures are of what is flown from the branch on,
     /// the hash is that of the whole flight. A case that cannot be flown is an outcome.
     ///
     /// # Errors
-    /// [`Interrupted`] once `stop` says so.
+    /// [`Interrupted`] once `stop` returns true.
     pub fn fly(
         &self,
         cases: &[Case],

@@ -4,7 +4,7 @@ use document::ScenarioError;
 use scenario::settings::Clock;
 use scenario::{Override, Scenario};
 
-/// The clock of every case, whatever the scenario says.
+/// The clock of every case, whatever the scenario sets.
 const LOCKSTEP: &str = "lockstep";
 
 /// One parameter with the values that it takes.
@@ -66,17 +66,17 @@ impl Base {
     /// The command line that flies a case alone and records it.
     #[must_use]
     pub fn command(&self, axes: &[Axis], case: &Case) -> String {
-        let mut words = vec!["morphquad run".to_owned(), quoted(&self.name)];
+        let mut arguments = vec!["morphquad run".to_owned(), quoted(&self.name)];
         for setting in self.set.iter().cloned().chain(case.settings(axes)) {
-            words.extend(["--set".to_owned(), quoted(&setting)]);
+            arguments.extend(["--set".to_owned(), quoted(&setting)]);
         }
-        words.push(format!("--seed {}", case.seed));
-        // Lockstep is what a scenario flies in unless it says otherwise itself.
+        arguments.push(format!("--seed {}", case.seed));
+        // Lockstep is the default of a scenario.
         let own = Scenario::from_text(&self.name, &self.text, &[]);
         if own.is_ok_and(|scenario| scenario.settings().scenario.clock == Clock::Realtime) {
-            words.push(format!("--clock {LOCKSTEP}"));
+            arguments.push(format!("--clock {LOCKSTEP}"));
         }
-        words.join(" ")
+        arguments.join(" ")
     }
 }
 
@@ -103,14 +103,14 @@ impl Case {
     }
 }
 
-/// A word as a shell takes it for itself.
+/// An argument, quoted so that a shell passes it unchanged.
 #[must_use]
-pub fn quoted(word: &str) -> String {
+pub fn quoted(argument: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-./=,:+".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        return word.to_owned();
+    if !argument.is_empty() && argument.chars().all(plain) {
+        return argument.to_owned();
     }
-    format!("'{}'", word.replace('\'', r"'\''"))
+    format!("'{}'", argument.replace('\'', r"'\''"))
 }
 
 #[cfg(test)]

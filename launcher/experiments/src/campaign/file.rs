@@ -186,7 +186,7 @@ impl Reader<'_> {
     }
 
     /// What no case could be flown with: a key that the scenario does not have, or a value of another
-    /// kind. The first case tells.
+    /// kind. The first case shows it.
     fn refuse_misspelt<'v>(
         &self,
         plan: &Plan,
@@ -204,7 +204,7 @@ impl Reader<'_> {
             rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
         };
         let entry = entries.find(|(key, _)| owns(key));
-        // What is wrong in the scenario itself is told with its own place.
+        // What is wrong in the scenario itself is reported with its own place.
         let Some((_, value)) = entry else { return Ok(()) };
         Err(self.error(problem.to_string(), problem.remedy(), Some(value.span())))
     }

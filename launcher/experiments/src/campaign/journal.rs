@@ -45,7 +45,7 @@ pub enum JournalError {
         action: &'static str,
         /// The journal.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the operating system.
         source: io::Error,
     },
     /// Another campaign is writing.
@@ -60,7 +60,7 @@ pub enum JournalError {
     Changed {
         /// The journal.
         path: PathBuf,
-        /// By whom.
+        /// By what it was begun.
         what: &'static str,
         /// Cases that would be lost.
         finished: usize,
@@ -140,7 +140,7 @@ impl Journal {
     }
 }
 
-/// Reads whole lines: whose journal it is, then a case each.
+/// Reads whole lines: the identity of the campaign, then a case each.
 fn read(
     bytes: &[u8],
     identity: &Identity,

@@ -47,7 +47,7 @@ pub enum CampaignError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Journal(#[from] JournalError),
-    /// The executable cannot be read, so that it cannot be told whether it changes.
+    /// The executable cannot be read, so that it is not known whether it changes.
     #[error("cannot read the own executable: {0}")]
     Executable(std::io::Error),
     /// The user ended it.
@@ -66,7 +66,7 @@ pub enum CampaignError {
 pub struct Watch<'w> {
     /// Signals.
     pub stop: &'w StopFlags,
-    /// Told of cases in all and already finished, and after each one.
+    /// Is given the number of cases in all and already finished, and advances after each one.
     pub bar: &'w indicatif::ProgressBar,
 }
 
@@ -118,7 +118,7 @@ pub fn run(
     Ok(Campaign { base: plan.base.clone(), axes: plan.axes.clone(), flown, resumed })
 }
 
-/// What tells a case from every other one, in this campaign or another, of this build or another.
+/// What distinguishes a case from every other one, in this campaign or another, of this build or another.
 fn key(plan: &Plan, case: &Case, build: &str) -> String {
     let own = case.settings(&plan.axes).collect::<Vec<_>>();
     let seed = case.seed.to_string();

@@ -183,7 +183,7 @@ fn first_line(text: &impl fmt::Display) -> String {
     text.to_string().lines().next().unwrap_or_default().to_owned()
 }
 
-/// Flies a scenario in this thread to its end; `None` once `stop` says so.
+/// Flies a scenario in this thread to its end; `None` once `stop` returns true.
 pub fn fly(scenario: &Scenario, stop: &dyn Fn() -> bool) -> Option<Outcome> {
     let observer = (FlightHash::default(), Metrics::of(scenario));
     match InProcess::new(scenario, StateSource::Estimator, observer) {
@@ -192,7 +192,7 @@ pub fn fly(scenario: &Scenario, stop: &dyn Fn() -> bool) -> Option<Outcome> {
     }
 }
 
-/// Flies on from `from_ns` to `end_ns`; `None` once `stop` says so.
+/// Flies on from `from_ns` to `end_ns`; `None` once `stop` returns true.
 pub fn fly_on(
     flight: &mut InProcess<(FlightHash, Metrics)>,
     from_ns: u64,

@@ -121,7 +121,7 @@ pub fn spread(flown: &[(Case, Outcome)], heading: &str) -> Option<[f64; 3]> {
     Some([median, at_95, values[last]])
 }
 
-/// Columns told over all cases, with a factor for display and a unit.
+/// Columns summarized over all cases, with a factor for display and a unit.
 const SPREADS: [(&str, &str, f64, &str); 4] = [
     ("position_rms_m", "position rms", 1e3, "mm"),
     ("position_max_m", "position max", 1e3, "mm"),
@@ -146,12 +146,12 @@ pub fn figures(flown: &[(Case, Outcome)]) -> String {
 pub fn in_a_line(outcome: &Outcome) -> String {
     let spreads = SPREADS.iter().filter_map(|(heading, name, factor, unit)| {
         let value = outcome.cell(heading).number()?;
-        let told = if value.is_finite() {
+        let text = if value.is_finite() {
             format!("{:.4} {unit}", value * factor)
         } else {
             NEVER.to_owned()
         };
-        Some(format!(", {name} {told}"))
+        Some(format!(", {name} {text}"))
     });
     let counts = ["constraint_violations", "unsolved_steps"].map(|heading| {
         format!(", {} {}", outcome.cell(heading).to_cell(), heading.replace('_', " "))
@@ -188,9 +188,9 @@ pub fn worst_cases(
             None => String::new(),
         };
         let head = [place.to_string(), case.seed.to_string()];
-        let told = [outcome.verdict().to_string()].into_iter().chain(ranked.iter().map(shown));
-        let told = told.chain([outcome.cell("reason").to_cell()]);
-        table.push(head.into_iter().chain(case.values.iter().cloned()).chain(told));
+        let cells = [outcome.verdict().to_string()].into_iter().chain(ranked.iter().map(shown));
+        let cells = cells.chain([outcome.cell("reason").to_cell()]);
+        table.push(head.into_iter().chain(case.values.iter().cloned()).chain(cells));
     }
     let commands = worst.iter().map(|place| format!("  {}\n", command(&flown[*place].0)));
     let commands: String = commands.collect();
@@ -213,15 +213,15 @@ pub fn to_json(
         .iter()
         .filter_map(|(heading, ..)| {
             let [median, most, max] = spread(flown, heading)?;
-            let told = json!({"median": median, "percent_95": most, "max": max});
-            Some(((*heading).to_owned(), told))
+            let spread_of_column = json!({"median": median, "percent_95": most, "max": max});
+            Some(((*heading).to_owned(), spread_of_column))
         })
         .collect();
-    let told = |place: usize| {
+    let case_json = |place: usize| {
         let (case, outcome) = &flown[place];
         let set: Vec<String> = case.settings(axes).collect();
         let cells = outcome.to_json();
-        let mut told = json!({
+        let mut row = json!({
             "case": place,
             "seed": case.seed,
             "set": set,
@@ -231,11 +231,11 @@ pub fn to_json(
             "command": command(case),
         });
         for key in RANKING {
-            told[key] = cells[key].clone();
+            row[key] = cells[key].clone();
         }
-        told
+        row
     };
-    let worst: Vec<_> = worst(flown, count).into_iter().map(told).collect();
+    let worst: Vec<_> = worst(flown, count).into_iter().map(case_json).collect();
     json!({"cases": flown.len(), "outcomes": outcomes, "spread": spreads, "worst": worst})
 }
 

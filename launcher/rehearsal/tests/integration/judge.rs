@@ -165,13 +165,13 @@ fn the_refusal_of_a_tumbling_vehicle_names_challenge_time_number_and_limit() {
     let tumbles = track(|t_s| (2.0 * (t_s - kick_s)).max(0.0), 0.0);
     let verdict = judged(&tumbles, &track(|_| 0.0, 0.0));
     assert!(!verdict.accepted);
-    let words = "my-controller would lose the vehicle 0.52 s after a kick in roll: tilt 60.0 deg, limit 60.0 deg";
+    let expected = "my-controller would lose the vehicle 0.52 s after a kick in roll: tilt 60.0 deg, limit 60.0 deg";
     // π/3 at 2 rad/s is reached 0.5236 s after the kick and seen at the next millisecond, when the next kick
     // has begun, so that the time in the message is not compared.
     assert!(verdict.words.contains("would lose the vehicle"), "{}", verdict.words);
     assert!(
         verdict.words.contains("tilt 60.") && verdict.words.contains("limit 60.0 deg"),
-        "{words}"
+        "{expected}"
     );
     let Some(RehearsalRefusal::Lost { lost: Lost::Tilted { .. }, .. }) = verdict.refusal else {
         panic!("{}", verdict.words)

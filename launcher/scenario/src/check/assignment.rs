@@ -1,4 +1,4 @@
-//! Who fills the slots, and what the controllers beside the MPCs refuse.
+//! Which services fill the slots, and what the controllers beside the MPCs refuse.
 
 use super::Checker;
 use crate::services::{self, Assignment};

@@ -191,19 +191,19 @@ impl Checker<'_> {
         }
     }
 
-    /// A position law that looks farther ahead than the pilot tells it the reference.
+    /// A position law that looks farther ahead than the reference that the pilot publishes.
     pub(super) fn preview(&mut self) {
         let Ok(law) = self.scenario.position_law() else { return };
         let common = &self.settings().pilot.common;
-        // The oldest reference that is in use was told a period of the pilot ago.
-        let told = (REFERENCE_POINTS - 1) as f64;
-        let known_s = told * common.preview_spacing_s - 1.0 / common.rate_hz;
+        // The oldest reference that is in use was published a period of the pilot ago.
+        let spacings = (REFERENCE_POINTS - 1) as f64;
+        let known_s = spacings * common.preview_spacing_s - 1.0 / common.rate_hz;
         let looks_s = law.horizon.prediction as f64 / law.rate_hz + law.tilt_delay_s;
         if looks_s > known_s {
             let what = format!(
                 "the reference is known for {known_s:.2} s, and position_mpc.prediction_horizon looks {looks_s:.2} s ahead"
             );
-            let least_s = libm::ceil(1e3 * (looks_s + 1.0 / common.rate_hz) / told) * 1e-3;
+            let least_s = libm::ceil(1e3 * (looks_s + 1.0 / common.rate_hz) / spacings) * 1e-3;
             let remedy = format!("write {least_s:.3} or more, or look less far ahead");
             self.warn("pilot.preview_spacing_s", what, remedy);
         }

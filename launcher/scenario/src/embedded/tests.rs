@@ -76,9 +76,9 @@ fn the_rows_stand_in_the_scenario_and_the_file_is_not_needed_again() {
 
 #[test]
 fn what_the_scenario_says_of_start_and_length_holds() {
-    let says = "[start]\nposition_w_m = [0.1, 0.0, 1.2]\nyaw_deg = 0.0\nvelocity_w_m_s = [0.0, 0.0, 0.0]\n\
+    let keys = "[start]\nposition_w_m = [0.1, 0.0, 1.2]\nyaw_deg = 0.0\nvelocity_w_m_s = [0.0, 0.0, 0.0]\n\
                 [scenario]\nduration_s = 9.0";
-    let scenario = loaded(says, &pieces()).unwrap();
+    let scenario = loaded(keys, &pieces()).unwrap();
     let start = &scenario.settings().start;
     assert_eq!((start.position_w_m, start.yaw_deg), ([0.1, 0.0, 1.2], 0.0));
     assert!(start.velocity_w_m_s.iter().all(|speed_m_s| *speed_m_s == 0.0));
@@ -152,11 +152,11 @@ fn what_is_wrong_with_a_file_is_said_at_its_line() {
         ("duration,x^0,y^0\n1,0,0\n", 1, "`y^0`"),
         (&apart, 3, "pieces[1]"),
     ];
-    for (csv, line, told) in cases {
+    for (csv, line, reason) in cases {
         let problem = refused("", csv);
-        let said = format!("{problem} {}", problem.remedy());
-        assert!(said.contains(told), "{csv}: {said}");
-        assert_eq!(problem.line(), Some(line), "{csv}: {said}");
+        let message = format!("{problem} {}", problem.remedy());
+        assert!(message.contains(reason), "{csv}: {message}");
+        assert_eq!(problem.line(), Some(line), "{csv}: {message}");
         assert!(
             problem.file().is_some_and(|file| file.ends_with("path.csv")),
             "{csv}: {problem:?}"
@@ -196,10 +196,10 @@ fn a_trajectory_without_rows_with_two_kinds_or_without_its_file_is_refused() {
 
 #[test]
 fn a_trajectory_in_or_on_the_ground_says_where_its_origin_may_be() {
-    for (height, told) in [("-0.2", "-0.200 m"), ("0", "no higher than 0.00 m")] {
+    for (height, expected) in [("-0.2", "-0.200 m"), ("0", "no higher than 0.00 m")] {
         let csv = format!("t,x,y,z\n0,0,0,{height}\n9,1,0,{height}\n");
         let problem = refused("[start]\nposition_w_m = [0.0, 0.0, 1.0]", &csv);
-        assert!(problem.to_string().contains(told), "{problem:?}");
+        assert!(problem.to_string().contains(expected), "{problem:?}");
         let (_, remedy) = problem.remedy().split_once("with ").unwrap();
         let (key, value) = remedy.split_once(" = ").unwrap();
         let lifted = folder("", "path.csv", &csv);
@@ -235,10 +235,10 @@ fn what_climbs_is_judged_by_the_bounds_on_thrust_and_not_by_that_on_tilt() {
     let fine = loaded("", &bump(1.0)).unwrap();
     assert!(fine.warnings().is_empty(), "{:?}", fine.warnings());
     let steep = loaded("", &bump(2.0)).unwrap();
-    let told: Vec<String> = steep.warnings().iter().map(ToString::to_string).collect();
-    assert!(told.iter().any(|it| it.contains("upwards with 11.")), "{told:?}");
-    assert!(told.iter().any(|it| it.contains("downwards with 11.")), "{told:?}");
-    assert!(!told.iter().any(|it| it.contains("sideways")), "{told:?}");
+    let warnings: Vec<String> = steep.warnings().iter().map(ToString::to_string).collect();
+    assert!(warnings.iter().any(|it| it.contains("upwards with 11.")), "{warnings:?}");
+    assert!(warnings.iter().any(|it| it.contains("downwards with 11.")), "{warnings:?}");
+    assert!(!warnings.iter().any(|it| it.contains("sideways")), "{warnings:?}");
     let (_, scale) = steep.warnings()[0].remedy().split_once("pilot.time_scale = ").unwrap();
     let (scale, _) = scale.split_once(' ').unwrap();
     let slow = loaded(&format!("time_scale = {scale}"), &bump(2.0)).unwrap();

@@ -1,4 +1,4 @@
-//! What is told of a key is what the parser does with it.
+//! The description of a key is what the parser does with it.
 
 use super::{Key, sections};
 use crate::{Override, Scenario};
@@ -32,10 +32,10 @@ fn settable() -> impl Iterator<Item = Key> {
 
 #[test]
 fn every_section_that_the_parser_knows_has_keys_and_a_meaning() {
-    let told: Vec<&str> = sections().iter().map(|section| section.name).collect();
+    let listed: Vec<&str> = sections().iter().map(|section| section.name).collect();
     let mut known = crate::settings::SECTIONS.to_vec();
     known.sort_unstable();
-    assert_eq!(told, known);
+    assert_eq!(listed, known);
     for section in sections() {
         assert!(!section.keys.is_empty() && !section.meaning.is_empty(), "{}", section.name);
         for key in &section.keys {
@@ -52,8 +52,8 @@ fn every_kind_that_the_parser_knows_has_keys() {
     ] {
         let of_kinds: Vec<Key> =
             keys().filter(|key| key.name.starts_with(list) && key.kind.is_some()).collect();
-        let told: BTreeSet<&str> = of_kinds.iter().filter_map(|key| key.kind).collect();
-        assert_eq!(told, known.iter().copied().collect());
+        let listed: BTreeSet<&str> = of_kinds.iter().filter_map(|key| key.kind).collect();
+        assert_eq!(listed, known.iter().copied().collect());
     }
 }
 

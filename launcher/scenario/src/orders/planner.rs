@@ -1,4 +1,4 @@
-//! From an order to the sample that says what holds from now on.
+//! From an order to the sample that states what holds from now on.
 
 use super::{Calm, Disturb, FLOOR_M, Goto, Load, Morph, Order, OutOfRange, REACH_M};
 use crate::configs::landing_s;
@@ -60,7 +60,7 @@ pub enum RefusedOrder {
 /// What has been ordered, for summary and log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OrderReport {
-    /// In words.
+    /// The order as a sentence.
     pub order: String,
     /// Logical time at which it was given \[s\].
     pub at_s: f64,
@@ -99,7 +99,7 @@ pub enum Sent {
 pub struct Planned {
     /// What is to be published.
     pub sent: Sent,
-    /// What is to be told.
+    /// What is to be reported.
     pub report: OrderReport,
 }
 
@@ -152,7 +152,7 @@ impl Planner {
         })
     }
 
-    /// Goes on from what another launcher had said last.
+    /// Goes on from the last orders that another launcher had published.
     pub fn go_on(&mut self, guidance: &GuidanceOrder, disturbance: &DisturbanceOrder) {
         let entries = disturbance.entries.iter();
         self.numbered = entries.map(|entry| entry.number).max().unwrap_or(0);
@@ -310,7 +310,7 @@ impl Planner {
     }
 }
 
-/// Lowest place at which a vehicle may be told to rest \[m\].
+/// Lowest place at which a vehicle may be ordered to rest \[m\].
 fn floor_m(scenario: &Scenario) -> f64 {
     let plant = &scenario.settings().plant;
     if plant.ground { FLOOR_M } else { -REACH_M }

@@ -255,7 +255,7 @@ fn refused_orders_change_nothing_and_say_what_would_do() {
         planner.order(&order, (0, begin_ms * MS), false).unwrap_err().to_string()
     };
     let at_z = |z| goto([0.0, 0.0, z], None);
-    for (order, words) in [
+    for (order, expected) in [
         (at_z(0.1), "z 0.1 is out of range: give a number from 0.2 to 100 m"),
         (at_z(f64::NAN), "from 0.2 to 100 m"),
         (goto([0.0, -101.0, 1.0], None), "y -101"),
@@ -264,21 +264,21 @@ fn refused_orders_change_nothing_and_say_what_would_do() {
         (morph(90.0, -1.0), "from 0.001 to 3600 s"),
         (morph(90.0, 0.0), "from 0.001 to 3600 s"),
     ] {
-        let told = refused(order, 1000);
-        assert!(told.contains(words), "{told}");
+        let message = refused(order, 1000);
+        assert!(message.contains(expected), "{message}");
     }
     assert!(refused(at_z(1.0), 60_000).contains("flight ends at 60 s"));
     let disturb = |load| Order::Disturb(Disturb { load, in_s: 0.0, for_s: None });
     let wind = |sigma| Load::Wind { mean_w_m_s: [0.0; 3], sigma_w_m_s: [sigma; 3] };
-    for (load, words) in [
+    for (load, expected) in [
         (Load::ForceWN([0.0, 200.0, 0.0]), "force.y 200"),
         (wind(-1.0), "gust -1"),
         (Load::PayloadKg(-0.1), "from 0 to 10 kg"),
         (Load::Rotor { rotor: 5, efficiency: 0.5 }, "rotor 5"),
         (Load::Rotor { rotor: 1, efficiency: 1.5 }, "efficiency 1.5"),
     ] {
-        let told = refused(disturb(load), 1000);
-        assert!(told.contains(words), "{told}");
+        let message = refused(disturb(load), 1000);
+        assert!(message.contains(expected), "{message}");
     }
     assert!(planner.reports.is_empty());
 }
@@ -335,6 +335,6 @@ fn flags_of_a_run_are_orders_of_its_script() {
         let at_ns = (settings.at_s * 1e9) as u64;
         planner.order(&settings.order().unwrap(), (at_ns, at_ns), true).unwrap();
     }
-    let told: Vec<&str> = planner.reports.iter().map(|r| r.order.as_str()).collect();
-    assert_eq!(told, ["goto 1 0 2 m", "morph 120 deg over 2 s"]);
+    let orders: Vec<&str> = planner.reports.iter().map(|r| r.order.as_str()).collect();
+    assert_eq!(orders, ["goto 1 0 2 m", "morph 120 deg over 2 s"]);
 }

@@ -9,7 +9,7 @@ fn flown(script: &str) -> Scenario {
     Scenario::from_text("x.toml", &format!("{FLIGHT}{script}"), &[]).unwrap()
 }
 
-/// Line and key of the one problem, and what is said of it.
+/// Line and key of the one problem, and its message with the remedy.
 fn problem(script: &str) -> (usize, String, String) {
     let text = format!("{FLIGHT}{script}");
     let error = Scenario::from_text("x.toml", &text, &[]).and_then(|scenario| {
@@ -19,15 +19,15 @@ fn problem(script: &str) -> (usize, String, String) {
     let error = error.unwrap_err();
     let problems: Vec<&Problem> = error.problems().collect();
     let [problem] = problems[..] else { panic!("{problems:?}") };
-    let said = format!("{problem}: {}", problem.remedy());
-    (problem.line().unwrap(), problem.key().to_owned(), said)
+    let message = format!("{problem}: {}", problem.remedy());
+    (problem.line().unwrap(), problem.key().to_owned(), message)
 }
 
 #[track_caller]
-fn assert_refused(script: &str, line: usize, key: &str, words: &str) {
-    let (at, named, said) = problem(script);
-    assert_eq!((at, named.as_str()), (line, key), "{said}");
-    assert!(said.contains(words), "{said}");
+fn assert_refused(script: &str, line: usize, key: &str, expected: &str) {
+    let (at, named, message) = problem(script);
+    assert_eq!((at, named.as_str()), (line, key), "{message}");
+    assert!(message.contains(expected), "{message}");
 }
 
 fn swap(rest: &str) -> String {

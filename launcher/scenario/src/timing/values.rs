@@ -22,7 +22,7 @@ pub(super) fn seconds_schema(_: &mut SchemaGenerator) -> Schema {
 pub enum DurationSettings {
     /// Always this \[s\].
     Seconds(f64),
-    /// One of those that the table tells.
+    /// Drawn as the table describes.
     Drawn(DrawSettings),
 }
 

@@ -1,6 +1,6 @@
 //! The controllers of both slots side by side: every attitude law under every position law.
 //!
-//! [`Plan`] says what is flown, [`fly`] flies it on all cores in this process and gives a [`Study`] of
+//! [`Plan`] names what is flown, [`fly`] flies it on all cores in this process and gives a [`Study`] of
 //! one [`Row`] per pair. Open `flown.rs` for what is measured in a flight, `report.rs` for table and
 //! files.
 
@@ -73,7 +73,7 @@ impl Plan {
     }
 }
 
-/// Who fills the slots.
+/// The services that fill the slots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ControllerPair {
     /// Service of the attitude slot.
@@ -110,10 +110,10 @@ struct Case {
     kind: Kind,
 }
 
-/// One pair in numbers; the worst over seeds and sizes unless it says otherwise.
+/// One pair in numbers; the worst over seeds and sizes unless a field states otherwise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
-    /// Who flew.
+    /// The controllers that flew.
     pub pair: ControllerPair,
     /// Root mean square of the position error over all figure eights \[m\].
     pub rms_m: f64,

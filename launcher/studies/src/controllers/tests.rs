@@ -2,13 +2,13 @@ use super::*;
 
 #[test]
 fn every_pair_flies_within_its_bounds_recovers_and_is_the_same_again() {
-    let told = std::sync::atomic::AtomicUsize::new(0);
-    let tell = || {
-        told.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+    let flown_count = std::sync::atomic::AtomicUsize::new(0);
+    let count = || {
+        flown_count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
     };
     let plan = Plan { seeds: 1, sizes_deg: vec![94.5], figure_s: 6.0 };
-    let study = fly(&plan, &tell).unwrap();
-    assert_eq!(told.into_inner(), plan.flights());
+    let study = fly(&plan, &count).unwrap();
+    assert_eq!(flown_count.into_inner(), plan.flights());
     assert_eq!(study.rows.len(), 6);
     let shown = report::table(&study);
     for row in &study.rows {

@@ -7,7 +7,7 @@ use simulate::in_process::StateSource;
 /// One promise.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Mark {
-    /// In words.
+    /// The promise as text.
     pub name: &'static str,
     /// The worst over all sweeps.
     pub value: f64,

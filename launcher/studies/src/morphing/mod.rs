@@ -1,7 +1,7 @@
 //! Flight through morphing: `figure8-morph` at ever faster sweeps, with a model that knows the
 //! arms and with models that do not.
 //!
-//! [`Plan`] says what is flown, [`fly`] flies it on all cores in this process and gives a
+//! [`Plan`] names what is flown, [`fly`] flies it on all cores in this process and gives a
 //! [`Study`] of [`Cell`]s. Open `flown.rs` for what is measured in a flight, `marks.rs` for what
 //! the scheduled law promises, `report.rs` for table, picture and files.
 
@@ -312,7 +312,7 @@ fn scenario(flight: &Flight) -> Result<Scenario, ScenarioError> {
     Scenario::load("figure8-morph", &overrides)
 }
 
-/// The schedule of the deployable angle, as a scenario says it.
+/// The schedule of the deployable angle, as a scenario writes it.
 fn knots(sweep_s: Option<f64>) -> String {
     let sweeps = sweep_s.map(windows).unwrap_or_default();
     let ends = [(45.0, 160.0), (160.0, 45.0)].into_iter().cycle();

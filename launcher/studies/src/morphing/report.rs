@@ -6,7 +6,7 @@ use figures::results::{ResultsError, ResultsFolder, Table};
 use serde_json::{Value, json};
 use simulate::in_process::StateSource;
 
-/// Least and largest error that the picture tells apart \[mm\]; what is beyond is drawn there.
+/// Least and largest error that the picture resolves \[mm\]; what is beyond is drawn there.
 const SHOWN_MM: [f64; 2] = [1.0, 300.0];
 /// Room for half a mark beyond them.
 const ROOM: f64 = 1.3;

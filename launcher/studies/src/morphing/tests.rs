@@ -34,12 +34,12 @@ fn a_study_is_the_same_study_again_whatever_the_threads_do() {
         seeds: 2,
         other_seeds: 1,
     };
-    let told = std::sync::atomic::AtomicUsize::new(0);
-    let tell = || {
-        told.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+    let flown_count = std::sync::atomic::AtomicUsize::new(0);
+    let count = || {
+        flown_count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
     };
-    let first = fly(&plan, &tell).unwrap();
-    assert_eq!(told.into_inner(), plan.flights());
+    let first = fly(&plan, &count).unwrap();
+    assert_eq!(flown_count.into_inner(), plan.flights());
     let csv = |study: &Study| Table::to_csv(&report::flights(study));
     assert_eq!(csv(&first), csv(&fly(&plan, &|| ()).unwrap()));
 }

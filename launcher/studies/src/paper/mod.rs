@@ -3,7 +3,7 @@
 //! [`rig`] closes the loop, [`measure`] reads numbers from it. `step_rates`, `horizons` and
 //! `sizes` are Tests I, II and III: each runs its experiments and makes tables and pictures of
 //! them. [`report`] prints and writes. What the paper leaves open (`r_w`, bounds, the unit of the
-//! disturbance) is chosen so that its printed numbers come out; every table says what was chosen.
+//! disturbance) is chosen so that its printed numbers come out; every table states what was chosen.
 
 mod horizons;
 mod laguerre;
@@ -94,7 +94,7 @@ impl Test {
 pub struct Findings {
     /// Which test.
     pub test: Test,
-    /// What the paper says it compares.
+    /// What the test compares, by the paper.
     pub title: &'static str,
     /// Tables, in reading order.
     pub sections: Vec<Section>,

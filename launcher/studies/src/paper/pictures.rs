@@ -115,7 +115,7 @@ pub(super) fn rates(runs: &[Run]) -> Figure {
 }
 
 /// A close view with the paper's numbers: when an angle reaches 0.2 rad, and how far it goes, but
-/// not when. They are of roll, and said to be those of pitch and yaw too.
+/// not when. They are of roll; the paper states that they hold for pitch and yaw too.
 fn with_printed(mut panel: Panel) -> Panel {
     panel.x = Axis::new(TIME).range(0.02, 0.12 + 1e-9).ticks(0.02);
     panel.y.range = Some([0.19, 0.212]);

@@ -123,7 +123,7 @@ pub fn page(findings: &[Findings]) -> String {
     page.to_html()
 }
 
-/// Begins a remark about what the paper says and is not found.
+/// Begins a remark about what the paper states and is not found.
 const NOT_MATCHED: &str = "Not matched:";
 
 /// Writes tables, trajectories and pictures of a test.

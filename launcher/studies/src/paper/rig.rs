@@ -107,7 +107,7 @@ pub struct Trajectory {
     pub samples: Vec<Sample>,
     /// γ \[rad\] over t \[s\]: at the samples in the linear world, each millisecond among rotors.
     pub gamma_rad: Vec<(f64, Vector3<f64>)>,
-    /// When the law could no longer tell where it was, the vehicle tumbling \[s\].
+    /// When the law or the plant no longer accepted the state, the vehicle tumbling \[s\].
     pub lost_s: Option<f64>,
     /// Samples without an exact answer of the solver.
     pub unsolved: usize,

@@ -12,7 +12,7 @@ use rand_distr::{Distribution, StandardNormal};
 use vehicle::VehicleParameters;
 
 const RATE_HZ: f64 = 100.0;
-/// The `r_w` for which the disturbance is gone when the paper says.
+/// The `r_w` for which the disturbance is gone at the time that the paper gives.
 pub(super) const WEIGHT: f64 = 0.05;
 /// Instant of the disturbance \[s\].
 pub(super) const STRUCK_S: f64 = 0.3;

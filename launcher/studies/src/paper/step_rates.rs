@@ -277,7 +277,7 @@ fn lag_limit_s(rate: f64, weight: f64) -> Result<f64, PaperError> {
     Ok(good)
 }
 
-/// Settled, swinging on or lost, in words.
+/// Settled, swinging on or lost, as text.
 pub(super) fn outcome(run: &Run) -> String {
     let Run { experiment, trajectory, .. } = run;
     if let Some(lost_s) = trajectory.lost_s {

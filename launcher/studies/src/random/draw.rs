@@ -97,7 +97,7 @@ impl Draw {
             ),
             format!("latency.wrench_command_s={:?}", command_s + late_s),
         ];
-        // The prediction model keeps what it was told.
+        // The prediction model keeps its configured delay.
         if settings.attitude_mpc.command_delay_s.is_none() {
             flags.push(format!("attitude_mpc.command_delay_s={command_s:?}"));
         }

@@ -1,6 +1,6 @@
 //! A family of random flights: `figure8-morph` by vehicles and in weather that the controllers' models do not know.
 //!
-//! [`RANGES`] says what is drawn, evenly and by seed; [`fly`] flies the members that a [`Plan`] names, on all cores in
+//! [`RANGES`] lists what is drawn, evenly and by seed; [`fly`] flies the members that a [`Plan`] names, on all cores in
 //! this process. A member that no law within its bounds could hold still is left out and listed. Open `draw.rs` for how a
 //! draw becomes a scenario and when it has no trim, `report.rs` for tables, picture and files.
 
@@ -22,7 +22,7 @@ use thiserror::Error;
 /// What is flown.
 const SCENARIO: &str = "figure8-morph";
 
-/// Which members to fly, and by whom.
+/// Which members to fly, and with which changes.
 #[derive(Debug, Clone)]
 pub struct Plan {
     /// Their seeds.

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 pub const FAR_M: f64 = 0.3;
 /// Flights that are named as the worst.
 const WORST: usize = 5;
-/// Shares of the flights of which the largest error is told.
+/// Shares of the flights of which the largest error is reported.
 const SHARES: [f64; 4] = [0.5, 0.9, 0.95, 1.0];
 
 /// How far from their path the flights were: one row.

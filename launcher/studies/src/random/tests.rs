@@ -58,20 +58,20 @@ fn a_draw_is_a_scenario_that_its_models_do_not_know() {
     assert!((real.mass_kg - mass * believed.mass_kg).abs() < 1e-15);
     assert!((real.inertia_scale - inertia).abs() < 1e-15);
     assert_eq!(flown.settings().scenario.seed, 3);
-    let told_s = |of: &Scenario| of.attitude_law().unwrap().command_delay_s;
-    assert!((told_s(&flown) - told_s(&base)).abs() < 1e-15);
-    assert!(flown.settings().latency.wrench_command_s > told_s(&flown));
+    let configured_s = |of: &Scenario| of.attitude_law().unwrap().command_delay_s;
+    assert!((configured_s(&flown) - configured_s(&base)).abs() < 1e-15);
+    assert!(flown.settings().latency.wrench_command_s > configured_s(&flown));
 }
 
 #[test]
 fn the_family_is_flown_the_same_twice_and_its_numbers_add_up() {
     let plan = plan(vec![1, 2, 3], &["scenario.duration_s=6.0"]);
-    let told = std::sync::atomic::AtomicUsize::new(0);
-    let tell = || {
-        told.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+    let flown_count = std::sync::atomic::AtomicUsize::new(0);
+    let count = || {
+        flown_count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
     };
-    let study = fly(&plan, &tell).unwrap();
-    assert_eq!(told.into_inner(), plan.flights());
+    let study = fly(&plan, &count).unwrap();
+    assert_eq!(flown_count.into_inner(), plan.flights());
     assert_eq!(study.flights.len() + study.left_out.len(), 3);
     assert_eq!(study.flights, fly(&plan, &|| ()).unwrap().flights);
     assert!(study.flights.iter().all(|flown| flown.max_m > flown.rms_m && flown.rms_m > 0.0));

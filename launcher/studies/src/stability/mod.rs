@@ -118,7 +118,7 @@ impl Bench {
         Mismatch { lag_s: self.vehicle.rotor_lag_s, inertia_ratio: 1.0, delay_s }
     }
 
-    /// A world that is as this model says.
+    /// A world that is as this model assumes.
     #[must_use]
     pub fn as_modelled(&self, model: Model) -> Mismatch {
         let law = self.law(model, 1.0);
@@ -244,7 +244,7 @@ pub struct Study {
     pub settling: Vec<Settling>,
 }
 
-/// Computes maps on `grid`, and limits at `weights`, on all cores; `progress` hears of each point.
+/// Computes maps on `grid`, and limits at `weights`, on all cores; `progress` is called after each point.
 ///
 /// # Errors
 /// A law or vehicle that is impossible.

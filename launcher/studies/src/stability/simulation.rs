@@ -98,7 +98,7 @@ fn fly_until(
                 thrust_n: bench.vehicle.weight_n(),
             },
             age_s: 0.0,
-            // The command path's delay is what the law does not know; no report tells of it.
+            // The command path's delay is what the law does not know; no report contains it.
             applied_torque_nm: None,
         });
         world.command(Wrench { thrust_n: output.thrust_n, torque_b_nm: output.torque_nm });

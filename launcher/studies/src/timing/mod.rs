@@ -138,7 +138,7 @@ impl Limit {
 pub struct Sweep {
     /// The loop.
     pub role: Role,
-    /// Who flies it.
+    /// The service that runs it.
     pub name: String,
     /// Its period \[s\].
     pub period_s: f64,

@@ -40,7 +40,7 @@ pub fn table(study: &Study) -> Table {
     table
 }
 
-/// What the eigenvalues say of the attitude loop, in a sentence; nothing if they were not asked.
+/// The eigenvalues' prediction for the attitude loop, in a sentence; nothing if it was not computed.
 #[must_use]
 pub fn prediction(study: &Study) -> String {
     study.predicted_s.map_or(String::new(), |time_s| {

@@ -17,16 +17,16 @@ pub fn table(study: &Study) -> Table {
     let headings =
         ["closeness", "lost", "90 % within mm", "judged lost", "90 % within mm", "settings"];
     let mut table = Table::new(headings);
-    let told = |robustness: Option<Robustness>| {
-        let told = robustness.map(|Robustness { lost, within_m }| {
+    let cells_of = |robustness: Option<Robustness>| {
+        let cells = robustness.map(|Robustness { lost, within_m }| {
             [lost.to_string(), format!("{:.1}", within_m * 1e3)]
         });
-        told.unwrap_or_else(|| ["-"; 2].map(str::to_owned))
+        cells.unwrap_or_else(|| ["-"; 2].map(str::to_owned))
     };
     let shipped = study.candidates.first().filter(|shipped| !study.is_on_front(shipped));
     for candidate in study.front().into_iter().chain(shipped) {
         let ([lost, within], [judged_lost, judged_within]) =
-            (told(Some(candidate.random)), told(candidate.judged));
+            (cells_of(Some(candidate.random)), cells_of(candidate.judged));
         let closeness = format!("{:.3}", candidate.closeness);
         let settings = settings(candidate);
         table.push([closeness, lost, within, judged_lost, judged_within, settings]);

@@ -43,9 +43,9 @@ inputs! {
         state_estimate: StateEstimate = topics::STATE_ESTIMATE,
         /// What the position loop asks for.
         attitude_setpoint: AttitudeSetpoint = topics::ATTITUDE_SETPOINT,
-        /// What the rotors were told last, by the controller that commands.
+        /// The last command of the rotors, from the controller that commands.
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
-        /// Whose set points count.
+        /// The owner of the position slot, whose set points count.
         position_owner: OwnerRecord = topics::POSITION_OWNER,
         /// Owners that are not to be followed any more.
         trip: Trip = topics::TRIP,
@@ -210,10 +210,10 @@ impl Service for Controller {
         };
         let (law_nm, rate_error) = self.torque(&sample);
         let applied = inputs.applied_command.latest().filter(|a| a.command_sequence > 0);
-        // What the actuation guard tells the rotors, to bring the vehicle back, is not what any law would.
+        // What the actuation guard commands, to bring the vehicle back, is not what any law would.
         let continues = |a: &&AppliedCommand| tracking && a.mode != GateMode::Recover;
         if let Some(applied) = applied.filter(continues) {
-            // The integral takes what the rotors were told and the law would not: the command continues
+            // The integral takes the difference of the applied command and the law's: the command continues
             // from there, and a change of hands is not felt.
             self.memory.integral_nm = (Vector3::from(applied.torque_b_nm) - law_nm).into();
         }

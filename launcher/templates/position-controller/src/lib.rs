@@ -54,9 +54,9 @@ inputs! {
         reference: Reference = topics::REFERENCE,
         /// Set point that the attitude slot tracks, whichever controller gave it.
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
-        /// Whose commands the plant follows.
+        /// The last command of the rotors, with the controller that gave it.
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
-        /// Who flies the attitude slot.
+        /// The owner of the attitude slot.
         attitude_owner: OwnerRecord = topics::ATTITUDE_OWNER,
     }
 }
@@ -140,7 +140,7 @@ impl Controller {
         let mut velocity = Vector3::from(point.velocity_w_m_s);
         let mut acceleration_m_s2 = Vector3::zeros();
         if is_over {
-            // No process says any more where to go: hover, and land after a while.
+            // No process publishes a reference any more: hover, and land after a while.
             let landing_s = (age_ns as f64 * 1e-9 - self.hover_s).max(0.0);
             position.z = (position.z - LANDING_M_S * landing_s).max(0.0);
             velocity = Vector3::zeros();
@@ -190,11 +190,11 @@ impl Controller {
         Vector3::new(x, y, lift - self.vehicle.gravity_m_s2)
     }
 
-    /// Notes what the attitude slot's owner tracks; its shadows say what they would, too.
+    /// Notes what the attitude slot's owner tracks; its shadows publish what they would, too.
     fn take_applied(&mut self, inputs: &Inputs) {
         let followed = inputs.applied_command.latest();
-        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, followed);
-        if let Some(sample) = said.filter(|sample| sample.setpoint_sequence > 0) {
+        let applied = inputs.applied_setpoint.in_command(&inputs.attitude_owner, followed);
+        if let Some(sample) = applied.filter(|sample| sample.setpoint_sequence > 0) {
             self.memory.applied =
                 [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
             self.memory.has_applied = true;
