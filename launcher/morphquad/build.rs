@@ -1,4 +1,4 @@
-//! Tells the executable what it was built from; the library does without, so that a commit does not rebuild it.
+//! Records in the executable what it was built from; the library does without, so that a commit does not rebuild it.
 
 use std::path::Path;
 use std::process::Command;

@@ -1,4 +1,4 @@
-//! `morphquad adopt`: leads a run to its end whose launcher has died.
+//! `morphquad adopt`: leads a run whose launcher has died to its end.
 
 use super::options::AdoptArguments;
 use super::refusal::{Done, Failure};
@@ -8,7 +8,7 @@ use protocol::control::runs;
 use simulate::RunError;
 use std::io::{IsTerminal as _, Write};
 
-/// Takes over and says how the rest of the flight went.
+/// Takes over and shows how the rest of the flight went.
 pub(super) fn adopt(arguments: &AdoptArguments, out: &mut dyn Write) -> Done {
     let found = runs::find_orphan(arguments.run.as_deref());
     let run = found.map_err(|error| Failure::plain(&error, exit::USAGE))?;
@@ -27,5 +27,5 @@ pub(super) fn adopt(arguments: &AdoptArguments, out: &mut dyn Write) -> Done {
         };
         Failure::plain(&error, code)
     })?;
-    super::say(&summary, arguments.format, out)
+    super::show_summary(&summary, arguments.format, out)
 }

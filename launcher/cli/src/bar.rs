@@ -17,11 +17,11 @@ pub(super) fn bar(length: usize, what: &str) -> ProgressBar {
         .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
-/// A sign that something is under way whose end is not known; it goes when dropped.
+/// A sign that work of unknown length is under way; it goes when dropped.
 #[derive(Debug)]
 pub(super) struct Busy(ProgressBar);
 
-/// Says what is being done, and for how long already.
+/// Shows what is being done, and for how long already.
 pub(super) fn busy(what: &str) -> Busy {
     if !io::stderr().is_terminal() {
         return Busy(ProgressBar::hidden());

@@ -94,11 +94,12 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
         let filled = services::role_of(name).map(|role| assignment.name(role));
         rates_hz.extend(services::rate_hz(filled.unwrap_or(name), settings));
     }
-    let words = scenario_words(&arguments.scenario, "5s");
-    let words: Vec<String> = words.into_iter().chain(arguments.place.words()).collect();
+    let flight_arguments = scenario_words(&arguments.scenario, "5s");
+    let flight_arguments: Vec<String> =
+        flight_arguments.into_iter().chain(arguments.place.words()).collect();
     let bar = bar(names.len(), "loops");
     let ladders = names.iter().zip(rates_hz).map(|(name, rate_hz)| {
-        let fly = &mut |hz: f64| rate::fly(&words, name, hz);
+        let fly = &mut |hz: f64| rate::fly(&flight_arguments, name, hz);
         let ladder = rate::climb(name, rate_hz, fly);
         bar.inc(1);
         ladder

@@ -115,7 +115,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     let Prepared { branch, run, branched, complete } = prepare(&replay.file, at)?;
     let change = change(replay);
     let changed = branch.change(&change).map_err(BranchError::from)?;
-    // Who refuses its state says so here, before there is a recording.
+    // A service that refuses its state fails here, before there is a recording.
     branch.resume(&changed, ())?;
     let options = RunOptions {
         scenario: changed.scenario.clone(),
@@ -127,7 +127,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
         progress: io::stderr().is_terminal(),
         live: None,
     };
-    let origin = format!("branch of run {run} at {} s{}", seconds(&branch), told(&change));
+    let origin = format!("branch of run {run} at {} s{}", seconds(&branch), flags(&change));
     let branched = change
         .changes_steps(branch.scenario())
         .then_some(())
@@ -135,7 +135,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
         .map(|()| Branched {
             parent_run: run.clone(),
             at_ns: branch.at_ns(),
-            changes: told(&change).trim_start().to_owned(),
+            changes: flags(&change).trim_start().to_owned(),
         })
         .or(branched);
     let flown = run_branch(&branch, &changed, &options, &origin, branched)?;
@@ -183,7 +183,7 @@ fn change(replay: &ReplayArguments) -> Change {
 }
 
 /// The changes as they were asked for.
-fn told(change: &Change) -> String {
+fn flags(change: &Change) -> String {
     let set = change.set.iter().map(|setting| format!(" --set {}", quoted(setting)));
     let swap = change.swap.iter().map(|swap| format!(" --swap {}", quoted(swap)));
     let seed = change.seed.map(|seed| format!(" --seed {seed}"));
@@ -260,7 +260,7 @@ fn fly_many(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     Ok((text, code))
 }
 
-/// What cannot be changed in any branch is an error, not a table full of refusals: the first tells.
+/// What cannot be changed in any branch is an error, not a table full of refusals: the first shows it.
 fn refuse_misspelt(sweep: &Sweep<'_>, cases: &[Case]) -> Result<(), Trouble> {
     let Some(Err(error)) = cases.first().map(|case| sweep.branch.change(&sweep.change(case)))
     else {
@@ -287,7 +287,7 @@ fn command(file: &Path, at: At, sweep: &Sweep<'_>, case: &Case) -> String {
     let file = quoted(&file.display().to_string());
     format!(
         "morphquad replay {file} --branch {at}{} --record recordings",
-        told(&sweep.change(case))
+        flags(&sweep.change(case))
     )
 }
 

@@ -69,12 +69,12 @@ fn fly(arguments: &CampaignArguments) -> Result<(String, u8), Trouble> {
     let line = report::line(&format!("campaign {stem}"), &campaign.flown);
     let text = match arguments.format {
         Format::Json => in_json(line, &campaign, plan.worst, &folder),
-        Format::Text => in_words(&line, &campaign, plan.worst, &folder),
+        Format::Text => in_text(&line, &campaign, plan.worst, &folder),
     };
     Ok((text, code))
 }
 
-fn in_words(line: &str, campaign: &Campaign, worst: usize, folder: &ResultsFolder) -> String {
+fn in_text(line: &str, campaign: &Campaign, worst: usize, folder: &ResultsFolder) -> String {
     let Campaign { base, axes, flown, resumed } = campaign;
     let command = |case: &campaign::Case| campaign.command(case);
     let files = folder.written().iter().map(|path| format!("wrote {}\n", path.display()));

@@ -55,13 +55,13 @@ pub fn print_json(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
         })
     });
     let warnings: Vec<String> = scenario.warnings().iter().map(ToString::to_string).collect();
-    let told = json!({
+    let object = json!({
         "loops": loops.collect::<Vec<_>>(),
         "edges": edges.collect::<Vec<_>>(),
         "warnings": warnings,
         "scenario": whole,
     });
-    writeln!(out, "{told}")
+    writeln!(out, "{object}")
 }
 
 fn summary(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
@@ -268,8 +268,8 @@ fn script_of(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
         writeln!(out, "fault   {} {name} at {at_s} s", kind.label())?;
     }
     if let Some(script) = scenario.timing() {
-        for (_, told) in script.told() {
-            writeln!(out, "timing  {told}")?;
+        for (_, entry) in script.told() {
+            writeln!(out, "timing  {entry}")?;
         }
     }
     for settings in &settings.order {

@@ -13,43 +13,43 @@ use std::io::{self, Write};
 /// Writes a shell's completions.
 pub(super) fn completions(arguments: &CompletionsArguments, out: &mut dyn Write) -> Done {
     let mut text = Vec::new();
-    let mut root = with_words(Cli::command());
+    let mut root = with_values(Cli::command());
     clap_complete::generate(arguments.shell, &mut root, "morphquad", &mut text);
     match arguments.shell {
         Shell::Zsh => out.write_all(and_files(&String::from_utf8_lossy(&text)).as_bytes())?,
-        // This one is told of options alone.
+        // For fish, clap completes options alone.
         Shell::Fish => {
             out.write_all(&text)?;
-            fish_words(&root, "__fish_morphquad_using_subcommand", out)?;
+            fish_values(&root, "__fish_morphquad_using_subcommand", out)?;
         }
         _ => out.write_all(&text)?,
     }
     Ok(exit::PASS)
 }
 
-/// The grammar, with what may stand where a word or a number is asked for.
-fn with_words(command: Command) -> Command {
-    command.mut_args(with_words_of).mut_subcommands(with_words)
+/// The grammar, with the values that arguments of text and numbers may have.
+fn with_values(command: Command) -> Command {
+    command.mut_args(with_values_of).mut_subcommands(with_values)
 }
 
 /// Without this a shell would offer the names of files there.
-fn with_words_of(arg: Arg) -> Arg {
-    let is_told =
+fn with_values_of(arg: Arg) -> Arg {
+    let is_known =
         !arg.get_possible_values().is_empty() || arg.get_value_hint() != ValueHint::Unknown;
-    if is_told || !arg.get_action().takes_values() {
+    if is_known || !arg.get_action().takes_values() {
         return arg;
     }
     let value = arg.get_value_names().and_then(|names| names.first()).map(ToString::to_string);
-    let words = value.map(|value| words(&value)).unwrap_or_default();
-    if words.is_empty() {
+    let values = value.map(|value| values(&value)).unwrap_or_default();
+    if values.is_empty() {
         arg.value_hint(ValueHint::Other)
     } else {
-        arg.value_parser(PossibleValuesParser::new(words))
+        arg.value_parser(PossibleValuesParser::new(values))
     }
 }
 
 /// What a value of this name may be; nothing if it is anything.
-fn words(value: &str) -> Vec<String> {
+fn values(value: &str) -> Vec<String> {
     let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '|';
     match value {
         "SLOT" => Slot::ALL.map(|slot| slot.label().to_owned()).to_vec(),
@@ -82,28 +82,28 @@ fn beside_files() -> [(&'static str, String); 3] {
     ]
 }
 
-/// Completions for zsh, where a list of words is all that there can be.
+/// Completions for zsh, where a list of values is all that there can be.
 fn and_files(text: &str) -> String {
-    beside_files().into_iter().fold(text.to_owned(), |text, (what, words)| {
+    beside_files().into_iter().fold(text.to_owned(), |text, (what, values)| {
         let both = format!(
-            ":{{_alternative \"{what}s\\:{what}\\:({words})\" \"files\\:file\\:_files\"}}'"
+            ":{{_alternative \"{what}s\\:{what}\\:({values})\" \"files\\:file\\:_files\"}}'"
         );
-        text.replace(&format!(":({words})'"), &both)
+        text.replace(&format!(":({values})'"), &both)
     })
 }
 
-/// Offers what may stand after every command below `command`.
-fn fish_words(command: &Command, seen: &str, out: &mut dyn Write) -> io::Result<()> {
+/// Offers the values that may follow every command below `command`.
+fn fish_values(command: &Command, seen: &str, out: &mut dyn Write) -> io::Result<()> {
     for inner in command.get_subcommands() {
         let seen = format!("{seen} {}", inner.get_name());
         for place in inner.get_positionals() {
             let known = place.get_possible_values();
-            let words = known.iter().map(PossibleValue::get_name).collect::<Vec<_>>().join(" ");
-            if !words.is_empty() {
-                writeln!(out, "complete -c morphquad -n \"{seen}\" -a \"{words}\"")?;
+            let names = known.iter().map(PossibleValue::get_name).collect::<Vec<_>>().join(" ");
+            if !names.is_empty() {
+                writeln!(out, "complete -c morphquad -n \"{seen}\" -a \"{names}\"")?;
             }
         }
-        fish_words(inner, &format!("{seen}; and __fish_seen_subcommand_from"), out)?;
+        fish_values(inner, &format!("{seen}; and __fish_seen_subcommand_from"), out)?;
     }
     Ok(())
 }
@@ -115,8 +115,8 @@ mod tests {
 
     fn text(shell: &str) -> String {
         let (mut out, mut diagnostics) = (Vec::new(), Vec::new());
-        let words = ["morphquad", "completions", shell].map(Into::into);
-        assert_eq!(super::super::execute(words.into_iter(), &mut out, &mut diagnostics), 0);
+        let arguments = ["morphquad", "completions", shell].map(Into::into);
+        assert_eq!(super::super::execute(arguments.into_iter(), &mut out, &mut diagnostics), 0);
         String::from_utf8(out).unwrap()
     }
 
@@ -133,9 +133,9 @@ mod tests {
             let controllers =
                 Slot::ALL.into_iter().flat_map(|slot| services::names_for(slot.role()));
             let controllers = controllers.collect::<Vec<_>>().join(" ");
-            for words in ["hover figure8-morph", &controllers, "attitude position", "imu pose_fix"]
+            for values in ["hover figure8-morph", &controllers, "attitude position", "imu pose_fix"]
             {
-                assert!(text.contains(words), "{shell} has no {words}");
+                assert!(text.contains(values), "{shell} has no {values}");
             }
         }
     }

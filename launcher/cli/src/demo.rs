@@ -48,5 +48,5 @@ pub(super) fn run(arguments: &DemoArguments, out: &mut dyn Write) -> Done {
     let (options, _folder) = prepare(arguments)?;
     eprintln!("morphquad: Ctrl-C ends the demo; it is recorded into recordings/");
     let summary = summary(flight::run(&options))?;
-    super::say(&summary, Format::Text, out)
+    super::show_summary(&summary, Format::Text, out)
 }

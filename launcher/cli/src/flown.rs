@@ -15,10 +15,11 @@ use std::path::{Path, PathBuf};
 /// So many are named to choose from.
 const LISTED: usize = 5;
 
-/// What a command that shows a flight is to show: what is named, or else the latest recording, which `said` is told.
+/// What a command that shows a flight is to show: what is named, or else the latest recording, reported to
+/// `diagnostics`.
 pub(super) fn named_or_latest(
     name: Option<&Path>,
-    said: &mut dyn Write,
+    diagnostics: &mut dyn Write,
 ) -> Result<PathBuf, Failure> {
     if let Some(name) = name {
         return Ok(name.to_owned());
@@ -27,7 +28,7 @@ pub(super) fn named_or_latest(
         let known = shipped::names().collect::<Vec<_>>().join(", ");
         unreadable(&format!("{error}\nor name a scenario, to be flown first: {known}"))
     })?;
-    writeln!(said, "morphquad: the latest recording, {}", path.display())?;
+    writeln!(diagnostics, "morphquad: the latest recording, {}", path.display())?;
     Ok(path)
 }
 
@@ -38,12 +39,12 @@ pub(super) fn open(name: &Path) -> Result<RecordedFlight, Failure> {
         _ => name.to_owned(),
     };
     RecordedFlight::open(&path).map_err(|error| {
-        let told = format!("{error}{}", hints(&path));
+        let reason = format!("{error}{}", hints(&path));
         if path.exists() {
-            return unreadable(&told);
+            return unreadable(&reason);
         }
         let known = suggestion(&name.to_string_lossy(), shipped::names());
-        unreadable(&format!("{told}\nor name a scenario, to be flown first: {known}"))
+        unreadable(&format!("{reason}\nor name a scenario, to be flown first: {known}"))
     })
 }
 
@@ -52,7 +53,7 @@ pub(super) fn recorded(path: &Path) -> Result<RecordedFlight, Failure> {
     RecordedFlight::open(path).map_err(|error| unreadable(&format!("{error}{}", hints(path))))
 }
 
-/// What a user may have meant who named something else than a recording; nothing about a damaged one.
+/// What a user may have meant by a name that is no recording; nothing about a damaged one.
 fn hints(path: &Path) -> String {
     if path.is_dir() {
         return listed("recordings in it", newest(path));
@@ -91,7 +92,7 @@ fn listed(what: &str, mut found: Vec<PathBuf>) -> String {
     }
 }
 
-/// Runs whose launchers write recordings at this moment.
+/// Runs that are being recorded at this moment.
 pub(super) struct Writers(Vec<Run>);
 
 impl Writers {

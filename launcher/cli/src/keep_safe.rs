@@ -1,4 +1,4 @@
-//! Pages and pictures are written where the user says, but never over a flight.
+//! Pages and pictures are written where the user wants them, but never over a flight.
 
 use super::refusal::Failure;
 use document::is_recording;
@@ -9,15 +9,15 @@ use std::path::Path;
 /// Writes a page; `flag` is what the user has named the file with.
 pub(super) fn write_page(path: &Path, page: impl AsRef<[u8]>, flag: &str) -> Result<(), Failure> {
     if is_recording(path) {
-        let told = format!(
+        let reason = format!(
             "{} is a recording, which must not be replaced: give {flag} another name",
             path.display()
         );
-        return Err(Failure::plain(&told, exit::USAGE));
+        return Err(Failure::plain(&reason, exit::USAGE));
     }
     fs::write(path, page).map_err(|error| {
         let path = path.display();
-        let told = format!("cannot write {path}: {error}; give {flag} a file that you may write");
-        Failure::plain(&told, exit::UNFIT)
+        let reason = format!("cannot write {path}: {error}; give {flag} a file that you may write");
+        Failure::plain(&reason, exit::UNFIT)
     })
 }

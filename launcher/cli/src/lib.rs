@@ -71,8 +71,8 @@ pub fn execute(
         let _ = writeln!(diagnostics, "morphquad: `{old}` is now `{new}`");
     }
     if arguments.get(1).is_some_and(|argument| argument == LAYOUT_ARGUMENT) {
-        let told = writeln!(out, "{:016x}", layout_hash());
-        return if told.is_ok() { exit::PASS } else { exit::UNFIT };
+        let written = writeln!(out, "{:016x}", layout_hash());
+        return if written.is_ok() { exit::PASS } else { exit::UNFIT };
     }
     let done = match Cli::of(&arguments) {
         Ok(cli) => dispatch(cli.command, out, diagnostics),
@@ -83,18 +83,18 @@ pub fn execute(
             return exit::PASS;
         }
     };
-    let told = done.or_else(|failure| match failure {
+    let result = done.or_else(|failure| match failure {
         Failure::Refused(refusal) => {
-            let told = refusal.tell(asks_for_json(&arguments), out, diagnostics);
+            let written = refusal.write(asks_for_json(&arguments), out, diagnostics);
             // Refused it is, whether or not the answer is read.
-            told.or_else(|error| match error.kind() {
+            written.or_else(|error| match error.kind() {
                 io::ErrorKind::BrokenPipe => Ok(refusal.code()),
                 _ => Err(error),
             })
         }
         Failure::Unwritten(error) => Err(error),
     });
-    match told {
+    match result {
         Ok(code) => code,
         // A reader that has seen enough, such as `head`, is no failure.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => exit::PASS,
@@ -108,7 +108,7 @@ pub fn execute(
 /// Options that had another name before, and what they are called now.
 const RENAMED: [(&str, &str); 1] = [("--crew", "--controller")];
 
-/// Gives options the names of today, and tells which were others.
+/// Gives options the names of today, and returns those that had another.
 fn with_names_of_today(arguments: &mut [OsString]) -> Vec<(&'static str, &'static str)> {
     let mut found = Vec::new();
     for (old, new) in RENAMED {
@@ -138,8 +138,8 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         Command::Run(arguments) => {
             let scenario = load(&arguments.scenario, diagnostics)?;
             if arguments.live.live.is_some() && scenario.settings().scenario.is_unpaced() {
-                let told = "speed max: the flight may be over before its page is open; --speed 1 has the clock's pace";
-                writeln!(diagnostics, "morphquad: {told}")?;
+                let warning = "speed max: the flight may be over before its page is open; --speed 1 has the clock's pace";
+                writeln!(diagnostics, "morphquad: {warning}")?;
             }
             return fly(scenario, &arguments, out);
         }
@@ -192,14 +192,14 @@ fn replay(arguments: &ReplayArguments, out: &mut dyn Write) -> Done {
     }
 }
 
-/// Flies and says how it went; a reader that has gone away changes nothing of it.
+/// Flies and shows how it went; a reader that has gone away changes nothing of it.
 fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Done {
     let options = arguments.options(scenario);
     let named = options.record.as_deref().zip(options.name.as_deref());
     let named = named.map(|(folder, name)| folder.join(format!("{name}.mcap")));
     if let Some(path) = named.filter(|path| path.exists()) {
-        let told = format!("{} is there already: choose another --name", path.display());
-        return Err(Failure::plain(&told, exit::USAGE));
+        let reason = format!("{} is there already: choose another --name", path.display());
+        return Err(Failure::plain(&reason, exit::USAGE));
     }
     let flown = if arguments.in_process {
         simulate::run_in_process(&options)
@@ -207,11 +207,11 @@ fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Don
         flight::run(&options)
     };
     let summary = flown::summary(flown)?;
-    say(&summary, arguments.format, out)
+    show_summary(&summary, arguments.format, out)
 }
 
 /// Shows how a flight went, and gives its exit code.
-fn say(summary: &Summary, format: Format, out: &mut dyn Write) -> Done {
+fn show_summary(summary: &Summary, format: Format, out: &mut dyn Write) -> Done {
     let written = match format {
         Format::Text => writeln!(out, "{summary}"),
         Format::Json => writeln!(out, "{}", summary.to_json()),
@@ -238,7 +238,7 @@ fn conclude<E: miette::Diagnostic + Send + Sync + 'static>(
     Ok(code)
 }
 
-/// Loads a scenario and says what is doubtful about it.
+/// Loads a scenario and warns of what is doubtful about it.
 fn load(arguments: &ScenarioArguments, diagnostics: &mut dyn Write) -> Result<Scenario, Failure> {
     let scenario = load_quietly(arguments).map_err(|error| Failure::report(error, exit::USAGE))?;
     for warning in scenario.warnings() {
@@ -264,8 +264,8 @@ mod tests {
 
     fn morphquad(arguments: &str) -> (u8, String, String) {
         let (mut out, mut diagnostics) = (Vec::new(), Vec::new());
-        let words = std::iter::once("morphquad").chain(arguments.split_whitespace());
-        let code = execute(words.map(OsString::from), &mut out, &mut diagnostics);
+        let argv = std::iter::once("morphquad").chain(arguments.split_whitespace());
+        let code = execute(argv.map(OsString::from), &mut out, &mut diagnostics);
         (code, String::from_utf8(out).unwrap(), String::from_utf8(diagnostics).unwrap())
     }
 
@@ -351,25 +351,25 @@ mod tests {
             ("bench hop --priority -1", "--priority"),
             ("topic echo --count -1", "--count"),
         ] {
-            let (code, _, said) = morphquad(bad);
-            assert_eq!(code, exit::USAGE, "{bad}: {said}");
-            assert!(said.contains(flag) && !said.contains("unexpected"), "{bad}: {said}");
+            let (code, _, message) = morphquad(bad);
+            assert_eq!(code, exit::USAGE, "{bad}: {message}");
+            assert!(message.contains(flag) && !message.contains("unexpected"), "{bad}: {message}");
         }
-        let (code, _, said) = morphquad("list --no-such-flag -1");
-        assert!(code == exit::USAGE && said.contains("unexpected"), "{said}");
+        let (code, _, message) = morphquad("list --no-such-flag -1");
+        assert!(code == exit::USAGE && message.contains("unexpected"), "{message}");
     }
 
     #[test]
     fn a_complaint_is_json_where_json_is_asked_for() {
-        let told = |arguments: &str| {
+        let complaint = |arguments: &str| {
             let (code, out, diagnostics) = morphquad(arguments);
             assert_eq!(code, exit::USAGE, "{arguments}");
             assert!(!diagnostics.is_empty(), "{arguments}");
-            let told: serde_json::Value = serde_json::from_str(&out).unwrap();
-            assert_eq!(told["exit"], 2, "{told}");
-            told
+            let object: serde_json::Value = serde_json::from_str(&out).unwrap();
+            assert_eq!(object["exit"], 2, "{object}");
+            object
         };
-        let key = told("run hover --set plant.rate_hertz=5 --format json");
+        let key = complaint("run hover --set plant.rate_hertz=5 --format json");
         assert!(key["error"].as_str().unwrap().contains("plant.rate_hertz"), "{key}");
         assert!(key["help"].as_str().unwrap().contains("rate_hz"), "{key}");
         assert_eq!(key["at"], "command line:1:13", "{key}");
@@ -382,8 +382,8 @@ mod tests {
             ("paper --test 4 --format json", "--test"),
             ("study --format json", "study"),
         ] {
-            let told = told(arguments).to_string();
-            assert!(told.contains(named), "{arguments}: {told}");
+            let text = complaint(arguments).to_string();
+            assert!(text.contains(named), "{arguments}: {text}");
         }
     }
 

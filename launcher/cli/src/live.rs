@@ -52,7 +52,7 @@ pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
     let at = place.map_or(Listen::At(arguments.listen), Listen::Again);
     let server = LiveServer::open(run, &at, rate_hz, arguments.demo.as_deref()).map_err(refused)?;
     if is_first {
-        tell(&server, arguments, out)?;
+        announce(&server, arguments, out)?;
     }
     match server.serve(&end).map_err(refused)? {
         None => Ok(exit::PASS),
@@ -60,8 +60,8 @@ pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
     }
 }
 
-/// Says where it listens, and shows it.
-fn tell(server: &LiveServer, arguments: &LiveArguments, out: &mut dyn Write) -> io::Result<()> {
+/// Prints where it listens, and opens the page.
+fn announce(server: &LiveServer, arguments: &LiveArguments, out: &mut dyn Write) -> io::Result<()> {
     if !arguments.listen.ip().is_loopback() {
         let warning = "all who reach this address can watch; only its token allows orders";
         eprintln!("morphquad: {warning}");
@@ -80,16 +80,16 @@ fn tell(server: &LiveServer, arguments: &LiveArguments, out: &mut dyn Write) -> 
 
 /// The place of the server that this process had before it was replaced.
 fn place_before() -> Option<Place> {
-    let told = std::env::var(PLACE).ok()?;
-    let (pid, place) = told.split_once(' ')?;
+    let value = std::env::var(PLACE).ok()?;
+    let (pid, place) = value.split_once(' ')?;
     Place::parse(place).filter(|_| pid == std::process::id().to_string())
 }
 
-/// Replaces this process by one that serves in the same place, unless it has been told to end.
+/// Replaces this process by one that serves in the same place, unless it has been asked to end.
 fn restart(place: &Place, end: &AtomicBool) -> Done {
-    let told =
+    let reason =
         "a viewer that sends without reading has filled the memory of `live`, which restarts";
-    eprintln!("morphquad: {told}: viewers have to connect again");
+    eprintln!("morphquad: {reason}: viewers have to connect again");
     let mut arguments = std::env::args_os();
     let mut command = Command::new(OWN_EXECUTABLE);
     command.arg0(arguments.next().unwrap_or_default()).args(arguments);

@@ -91,7 +91,7 @@ fn fly_otherwise(order: Order, run: &RunChoice, format: Format, out: &mut dyn Wr
     self::order(run, &Request::Order { order }, format, out)
 }
 
-/// Sends a request and shows what comes, line by line, until the last word.
+/// Sends a request and shows what comes, line by line, until the last reply.
 pub(super) fn order(
     run: &RunChoice,
     request: &Request,

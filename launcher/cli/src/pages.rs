@@ -22,7 +22,7 @@ pub(super) fn layout(arguments: &LayoutArguments, out: &mut dyn Write) -> Done {
     Ok(exit::PASS)
 }
 
-/// Writes a page for each command, and says which.
+/// Writes a page for each command, and prints which.
 pub(super) fn man(arguments: &ManArguments, out: &mut dyn Write) -> Done {
     let folder = &arguments.dir;
     let written = std::fs::create_dir_all(folder).and_then(|()| {
@@ -62,13 +62,13 @@ mod tests {
         command.get_after_help().map(ToString::to_string).unwrap_or_default()
     }
 
-    /// Every command that people can type, with its words, and the examples of it and its parent.
-    fn commands(command: &Command, words: &str, all: &mut Vec<(String, Command, String)>) {
+    /// Every command that people can type, with its command line, and the examples of it and its parent.
+    fn commands(command: &Command, line: &str, all: &mut Vec<(String, Command, String)>) {
         for inner in command.get_subcommands().filter(|c| !c.is_hide_set()) {
-            let words = format!("{words} {}", inner.get_name());
+            let line = format!("{line} {}", inner.get_name());
             let shown = examples(command) + &examples(inner);
-            all.push((words.clone(), inner.clone(), shown));
-            commands(inner, &words, all);
+            all.push((line.clone(), inner.clone(), shown));
+            commands(inner, &line, all);
         }
     }
 
@@ -77,12 +77,12 @@ mod tests {
         let mut all = Vec::new();
         commands(&Cli::command(), "morphquad", &mut all);
         assert!(all.len() > 20);
-        for (words, command, shown) in all {
-            assert!(command.get_about().is_some(), "{words} says nothing of itself");
-            if command.has_subcommands() || words.starts_with("morphquad disturb ") {
+        for (line, command, shown) in all {
+            assert!(command.get_about().is_some(), "{line} says nothing of itself");
+            if command.has_subcommands() || line.starts_with("morphquad disturb ") {
                 continue;
             }
-            assert!(shown.contains(&words), "{words} has no example: {shown}");
+            assert!(shown.contains(&line), "{line} has no example: {shown}");
         }
     }
 

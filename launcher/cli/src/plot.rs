@@ -15,32 +15,33 @@ use std::path::{Path, PathBuf};
 use viewers::plot::{PlotError, Signal, plot};
 
 /// True for what is to be drawn, misspelt or not, and false for what is or can only be a recording.
-fn is_signal(word: &str) -> bool {
-    let signal = word.trim_start_matches('/');
+fn is_signal(argument: &str) -> bool {
+    let signal = argument.trim_start_matches('/');
     let topic = signal.split(['.', ',']).next().unwrap_or_default();
     if known(topic).is_some() {
-        return !Path::new(word).is_file();
+        return !Path::new(argument).is_file();
     }
     let is_path =
         signal.contains('/') || Path::new(signal).extension().is_some_and(|kind| kind == "mcap");
-    signal.contains('.') && !is_path && named(Path::new(word)).is_ok_and(|file| !file.is_file())
+    signal.contains('.') && !is_path && named(Path::new(argument)).is_ok_and(|file| !file.is_file())
 }
 
 /// The recordings that are named before the signals, and these.
-fn parted(words: &[String]) -> Result<(Vec<PathBuf>, &[String]), Failure> {
-    let recordings = words.iter().position(|word| is_signal(word)).unwrap_or(words.len());
-    let (recordings, signals) = words.split_at(recordings);
-    let files = recordings.iter().map(|word| named(Path::new(word)));
+fn parted(arguments: &[String]) -> Result<(Vec<PathBuf>, &[String]), Failure> {
+    let recordings =
+        arguments.iter().position(|argument| is_signal(argument)).unwrap_or(arguments.len());
+    let (recordings, signals) = arguments.split_at(recordings);
+    let files = recordings.iter().map(|argument| named(Path::new(argument)));
     let files: Vec<PathBuf> = files.collect::<Result<_, _>>().map_err(|e| unreadable(&e))?;
     let Some(last) = recordings.last().filter(|_| signals.is_empty()) else {
         return Ok((files, signals));
     };
-    let told = if files.iter().all(|file| file.is_file()) {
+    let reason = if files.iter().all(|file| file.is_file()) {
         "name what to draw, for example truth.position_w_m: `morphquad topic list` names topics"
     } else {
         "there is no such recording and no such topic: `morphquad topic list` names topics"
     };
-    Err(unreadable(&format!("{last}: {told}")))
+    Err(unreadable(&format!("{last}: {reason}")))
 }
 
 /// Draws a panel for each signal or list of signals.
@@ -52,8 +53,8 @@ pub(super) fn run(arguments: &PlotArguments, out: &mut dyn Write) -> Done {
     let path = arguments.out.clone().unwrap_or_else(|| files[0].with_extension("png"));
     let ending = path.extension().and_then(OsStr::to_str).unwrap_or_default().to_lowercase();
     if !["png", "svg", "pdf"].contains(&ending.as_str()) {
-        let told = format!("--out {}: a picture ends with .png, .svg or .pdf", path.display());
-        return Err(Failure::plain(&told, exit::USAGE));
+        let reason = format!("--out {}: a picture ends with .png, .svg or .pdf", path.display());
+        return Err(Failure::plain(&reason, exit::USAGE));
     }
     let panel = |argument: &String| argument.split(',').map(Signal::parse).collect();
     let panels: Result<Vec<Vec<Signal>>, PlotError> = signals.iter().map(panel).collect();

@@ -22,10 +22,10 @@ pub(super) fn run(command: &RecordingsCommand, out: &mut dyn Write) -> Done {
     }
 }
 
-/// What a list says of each recording.
+/// What a list shows of each recording.
 const COLUMNS: [&str; 8] = ["NAME", "BEGAN", "RUN", "SCENARIO", "SEED", "CLOCK", "VERDICT", "SIZE"];
 
-/// What the head and the end of a file say of it.
+/// What the head and the end of a file contain.
 struct Entry {
     path: PathBuf,
     length: u64,
@@ -38,8 +38,9 @@ impl Entry {
     fn of(path: PathBuf, writers: &Writers) -> Self {
         let flight = RecordedFlight::open(&path);
         let line = flight.as_ref().map_err(|_| "").and_then(|flight| {
-            let told = flight.closing_summary().and_then(|mut told| told.remove("verdict"));
-            told.ok_or_else(|| writers.of(flight).map_or("cut", |_| "in flight"))
+            let verdict =
+                flight.closing_summary().and_then(|mut summary| summary.remove("verdict"));
+            verdict.ok_or_else(|| writers.of(flight).map_or("cut", |_| "in flight"))
         });
         Self::with_line(path, flight, line)
     }
@@ -148,10 +149,10 @@ fn show(arguments: &RecordingsShowArguments, out: &mut dyn Write) -> Done {
     let report = report.map_err(|error| unreadable(&error))?;
     let length = path.metadata().map_or(0, |found| found.len());
     if arguments.format == Format::Json {
-        let mut told = Entry::with_line(path, Ok(flight), Ok(report.line)).to_json();
-        told["lacks"] = json!(report.lacks);
-        told["again"] = json!(report.again);
-        writeln!(out, "{told}")?;
+        let mut object = Entry::with_line(path, Ok(flight), Ok(report.line)).to_json();
+        object["lacks"] = json!(report.lacks);
+        object["again"] = json!(report.again);
+        writeln!(out, "{object}")?;
     } else {
         let fact = |key: &str| fact(&flight, key);
         writeln!(out, "{}", report.line)?;

@@ -12,7 +12,7 @@ use std::io::Write;
 /// Behind the name of a recording, in that of its complete copy.
 pub(super) const RECOVERED: &str = "-recovered.mcap";
 
-/// Writes the new file and tells what it holds.
+/// Writes the new file and prints what it holds.
 pub(super) fn run(arguments: &RecoverArguments, out: &mut dyn Write) -> Done {
     let from = &arguments.file;
     let to = arguments.out.clone().unwrap_or_else(|| {
@@ -21,11 +21,11 @@ pub(super) fn run(arguments: &RecoverArguments, out: &mut dyn Write) -> Done {
     });
     let writer = RecordedFlight::open(from).ok().and_then(|flight| Writers::now().of(&flight));
     if let Some(run) = writer {
-        let told = format!(
+        let reason = format!(
             "{}: run {run} is active and still writes it; recover it if it is cut when the run is over",
             from.display()
         );
-        return Err(Failure::plain(&told, exit::USAGE));
+        return Err(Failure::plain(&reason, exit::USAGE));
     }
     let busy = busy("recovering");
     let recovered = recover(from, &to);
@@ -54,7 +54,7 @@ pub(super) fn run(arguments: &RecoverArguments, out: &mut dyn Write) -> Done {
             }
         }
         Format::Json => {
-            let told = json!({
+            let object = json!({
                 "file": to,
                 "messages": recovered.messages,
                 "gaps": recovered.gaps,
@@ -66,7 +66,7 @@ pub(super) fn run(arguments: &RecoverArguments, out: &mut dyn Write) -> Done {
                     "end": damage.end,
                 })),
             });
-            writeln!(out, "{told}")?;
+            writeln!(out, "{object}")?;
         }
     }
     Ok(exit::PASS)

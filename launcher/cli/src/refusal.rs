@@ -1,4 +1,4 @@
-//! Why a command ends without a result: told to people once and, if they asked for JSON, to machines.
+//! Why a command ends without a result: printed for people once and, if they asked for JSON, for machines.
 
 use anstream::{AutoStream, ColorChoice};
 use clap::error::ErrorKind;
@@ -24,7 +24,7 @@ pub(super) enum Failure {
 #[derive(Debug)]
 pub(super) struct Refusal {
     /// For people, with everything that helps.
-    said: String,
+    message: String,
     /// What is wrong, in a line.
     error: String,
     help: Option<String>,
@@ -40,11 +40,11 @@ impl From<io::Error> for Failure {
 }
 
 impl Failure {
-    /// A complaint that says all in its sentence.
+    /// A complaint that is complete in its sentence.
     pub(super) fn plain(error: &impl Display, code: u8) -> Self {
         let error = error.to_string();
-        let said = format!("morphquad: {error}");
-        Self::Refused(Box::new(Refusal { said, error, help: None, at: None, code }))
+        let message = format!("morphquad: {error}");
+        Self::Refused(Box::new(Refusal { message, error, help: None, at: None, code }))
     }
 
     /// A complaint with a place or a remedy.
@@ -52,8 +52,8 @@ impl Failure {
         let help = error.help().map(|help| help.to_string());
         let at = place(&error);
         let sentence = error.to_string();
-        let said = format!("{:?}", Report::new(error));
-        Self::Refused(Box::new(Refusal { said, error: sentence, help, at, code }))
+        let message = format!("{:?}", Report::new(error));
+        Self::Refused(Box::new(Refusal { message, error: sentence, help, at, code }))
     }
 
     /// A command line that means nothing; help that was asked for is no failure.
@@ -62,14 +62,14 @@ impl Failure {
         let mut parts = rendered.splitn(2, "\n\n");
         let line = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
         let first = line(parts.next().unwrap_or_default().trim_start_matches("error: "));
-        // Of a command without its arguments, all that is said is how to use it.
+        // Of a command without its arguments, all that is printed is how to use it.
         let shows_help = error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
         let first = if shows_help { "arguments are missing".to_owned() } else { first };
         let help = parts.next().map(line);
-        // A terminal that wants no colours says so, for example by `NO_COLOR`.
+        // A terminal can be configured to have no colours, for example by `NO_COLOR`.
         let plain = AutoStream::choice(&io::stderr()) == ColorChoice::Never;
-        let said = if plain { rendered.clone() } else { error.render().ansi().to_string() };
-        Self::Refused(Box::new(Refusal { said, error: first, help, at: None, code }))
+        let message = if plain { rendered.clone() } else { error.render().ansi().to_string() };
+        Self::Refused(Box::new(Refusal { message, error: first, help, at: None, code }))
     }
 }
 
@@ -79,18 +79,18 @@ impl Refusal {
         self.code
     }
 
-    /// Tells it and gives the exit code.
-    pub(super) fn tell(
+    /// Writes it and gives the exit code.
+    pub(super) fn write(
         &self,
         in_json: bool,
         out: &mut dyn Write,
         diagnostics: &mut dyn Write,
     ) -> io::Result<u8> {
-        writeln!(diagnostics, "{}", self.said.trim_end())?;
+        writeln!(diagnostics, "{}", self.message.trim_end())?;
         if in_json {
             let Self { error, help, at, code, .. } = self;
-            let told = json!({"error": error, "help": help, "at": at, "exit": code});
-            writeln!(out, "{told}")?;
+            let object = json!({"error": error, "help": help, "at": at, "exit": code});
+            writeln!(out, "{object}")?;
             out.flush()?;
         }
         Ok(self.code)

@@ -30,18 +30,18 @@ pub(super) fn run(arguments: &RehearseArguments, out: &mut dyn Write) -> Done {
         write!(out, "{}", derived.to_toml())?;
         return Ok(exit::PASS);
     }
-    let told = verdict(spec, &mut until(scenario.settings().rehearsal.wall_max_s));
+    let outcome = verdict(spec, &mut until(scenario.settings().rehearsal.wall_max_s));
     match arguments.format {
-        Format::Json => line(&told, out)?,
+        Format::Json => line(&outcome, out)?,
         Format::Text => {
-            let word = if told.accepted { "ACCEPTED" } else { "REFUSED" };
-            writeln!(out, "{word}  {}", told.words)?;
-            if let Some(figures) = told.measured() {
+            let grade = if outcome.accepted { "ACCEPTED" } else { "REFUSED" };
+            writeln!(out, "{grade}  {}", outcome.words)?;
+            if let Some(figures) = outcome.measured() {
                 write!(out, "{}", table(figures))?;
             }
         }
     }
-    Ok(if told.accepted { exit::PASS } else { exit::FAILED })
+    Ok(if outcome.accepted { exit::PASS } else { exit::FAILED })
 }
 
 /// False once so much wall time is over.
@@ -50,7 +50,7 @@ fn until(wall_max_s: f64) -> impl FnMut() -> bool {
     move || mono_now_ns() < end_ns
 }
 
-/// As a launcher has it done: in a process of its own, which stands back for others as far as it is told.
+/// As a launcher has it done: in a process of its own, which adds `by` to its nice value.
 fn serve(file: &Path, by: i32, out: &mut dyn Write) -> Done {
     // Without permission for either the rehearsal is as good, and its end is its own.
     let _ = set_parent_process_death_signal(Some(Signal::KILL));
@@ -62,8 +62,9 @@ fn serve(file: &Path, by: i32, out: &mut dyn Write) -> Done {
         std::fs::read_to_string(file)
     };
     let unusable = |error: &dyn core::fmt::Display| {
-        let told = format!("{}: {error}: write what `rehearse` is to fly as JSON", file.display());
-        Failure::plain(&told, exit::USAGE)
+        let reason =
+            format!("{}: {error}: write what `rehearse` is to fly as JSON", file.display());
+        Failure::plain(&reason, exit::USAGE)
     };
     let text = text.map_err(|error| unusable(&error))?;
     let spec: RehearsalSpec = serde_json::from_str(&text).map_err(|error| unusable(&error))?;
@@ -72,13 +73,13 @@ fn serve(file: &Path, by: i32, out: &mut dyn Write) -> Done {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
     let cpu_s = wall_max_s.ceil() as u64 + 1;
     let _ = setrlimit(Resource::Cpu, Rlimit { current: Some(cpu_s), maximum: Some(cpu_s + 1) });
-    let told = verdict(spec, &mut until(wall_max_s));
-    line(&told, out)?;
-    Ok(if told.accepted { exit::PASS } else { exit::FAILED })
+    let outcome = verdict(spec, &mut until(wall_max_s));
+    line(&outcome, out)?;
+    Ok(if outcome.accepted { exit::PASS } else { exit::FAILED })
 }
 
-fn line(told: &Verdict, out: &mut dyn Write) -> Result<(), Failure> {
-    let json = serde_json::to_string(told);
+fn line(outcome: &Verdict, out: &mut dyn Write) -> Result<(), Failure> {
+    let json = serde_json::to_string(outcome);
     let json = json.map_err(|error| Failure::plain(&error, exit::UNFIT))?;
     writeln!(out, "{json}")?;
     Ok(out.flush()?)
@@ -96,10 +97,10 @@ fn scenario(arguments: &RehearseArguments) -> Result<Scenario, Failure> {
     loaded.map_err(|error| Failure::report(error, exit::USAGE))
 }
 
-/// Flies to the instant of the swap and says who is to take over there.
+/// Flies to the instant of the swap and names the controller that is to take over there.
 fn spec(arguments: &RehearseArguments, scenario: &Scenario) -> Result<RehearsalSpec, Failure> {
     let swap = arguments.swap.as_deref().unwrap_or_default();
-    let usage = |told: String| Failure::plain(&told, exit::USAGE);
+    let usage = |reason: String| Failure::plain(&reason, exit::USAGE);
     let form = "write --swap SLOT=NAME, for example --swap attitude=attitude-lqr";
     let (head, config) = match swap.split_once(",config=") {
         Some((head, config)) => (head, Some(PathBuf::from(config))),

@@ -13,7 +13,7 @@ use shared_types::Role;
 use std::io::{self, IsTerminal as _, Write};
 use std::path::Path;
 
-/// Why a replay said nothing.
+/// Why a replay has no result.
 enum Refusal {
     /// The command line does not make sense.
     Usage(String),
@@ -26,7 +26,7 @@ impl<E: Into<ReplayError>> From<E> for Refusal {
     }
 }
 
-/// What a replay said, and whether all was as it should be.
+/// What a replay found, and whether all was as it should be.
 #[derive(Default)]
 struct Answer {
     text: String,
@@ -43,7 +43,7 @@ impl Answer {
     }
 }
 
-/// Replays and says what came of it.
+/// Replays and shows the result.
 pub(super) fn run(arguments: &ReplayArguments, out: &mut dyn Write) -> Done {
     let answer = answer(arguments).map_err(|refusal| match refusal {
         Refusal::Usage(what) => Failure::plain(&what, exit::USAGE),
@@ -68,8 +68,9 @@ fn code_of(error: &ReplayError) -> u8 {
 }
 
 fn answer(arguments: &ReplayArguments) -> Result<Answer, Refusal> {
-    let whom = arguments.service.iter().map(|name| who(name)).collect::<Result<Vec<_>, _>>()?;
-    if !whom.is_empty()
+    let selection =
+        arguments.service.iter().map(|name| selected(name)).collect::<Result<Vec<_>, _>>()?;
+    if !selection.is_empty()
         && !arguments.verify
         && arguments.with.is_none()
         && arguments.outputs.is_none()
@@ -80,7 +81,7 @@ fn answer(arguments: &ReplayArguments) -> Result<Answer, Refusal> {
     let overrides =
         arguments.set.iter().map(|set| Override::set(set)).collect::<Result<Vec<_>, _>>();
     let overrides = overrides.map_err(ReplayError::Scenario)?;
-    let with = arguments.with.as_deref().map(|with| controller(with, &whom, &overrides));
+    let with = arguments.with.as_deref().map(|with| controller(with, &selection, &overrides));
     let with = with.transpose()?;
     if !overrides.is_empty() && with.is_none() && arguments.outputs.is_none() {
         let what = "--set changes the controller that --with or --outputs names: add one of them";
@@ -95,8 +96,8 @@ fn answer(arguments: &ReplayArguments) -> Result<Answer, Refusal> {
         answer.add("hashes", &hashes, hashes.to_json(), !hashes.agree());
     }
     if arguments.verify {
-        let bar = progress(whom.len());
-        let verified = replay::verify(&flight, &whom, |service| {
+        let bar = progress(selection.len());
+        let verified = replay::verify(&flight, &selection, |service| {
             bar.set_message(service.instance.to_string());
             bar.inc(1);
         });
@@ -104,27 +105,27 @@ fn answer(arguments: &ReplayArguments) -> Result<Answer, Refusal> {
         let verified = verified?;
         answer.add("verify", &verified, verified.to_json(), !verified.identical());
     }
-    if let Some((who, with)) = with {
-        let departure = replay::depart(&flight, &who, &with)?;
-        answer.add("with", &departure, departure.to_json(who.role), false);
+    if let Some((service, with)) = with {
+        let departure = replay::depart(&flight, &service, &with)?;
+        answer.add("with", &departure, departure.to_json(service.role), false);
     }
     if let Some(path) = &arguments.outputs {
-        write_outputs(&flight, &whom, &overrides, path)?;
+        write_outputs(&flight, &selection, &overrides, path)?;
     }
     Ok(answer)
 }
 
 fn write_outputs(
     flight: &RecordedFlight,
-    whom: &[Who],
+    selection: &[Who],
     overrides: &[Override],
     path: &Path,
 ) -> Result<(), Refusal> {
-    let [who] = whom else {
+    let [service] = selection else {
         let what = "--outputs writes those of one service: name it with --service";
         return Err(Refusal::Usage(what.to_owned()));
     };
-    Ok(replay::write_outputs(flight, who, overrides, path)?)
+    Ok(replay::write_outputs(flight, service, overrides, path)?)
 }
 
 /// Role by its own name or that of its service.
@@ -137,8 +138,8 @@ fn role(name: &str) -> Result<Role, Refusal> {
     })
 }
 
-/// `NAME`, `NAME@SEAT` or `ROLE@SEAT`: whom a replay is about.
-fn who(text: &str) -> Result<Who, Refusal> {
+/// `NAME`, `NAME@SEAT` or `ROLE@SEAT`: the service that a replay is about.
+fn selected(text: &str) -> Result<Who, Refusal> {
     let (name, seat) = match text.rsplit_once('@') {
         Some((name, seat)) => (name, Some(seat)),
         None => (text, None),
@@ -152,22 +153,26 @@ fn who(text: &str) -> Result<Who, Refusal> {
             Refusal::Usage(what)
         })
     });
-    // Of a role that one service alone fills, its name says no more than the role.
+    // Of a role that one service alone fills, its name adds nothing to the role.
     let named = services::names_for(role).find(|known| *known == name);
     let several = services::names_for(role).count() > 1;
     Ok(Who { role, name: named.filter(|_| several), seat: seat.transpose()? })
 }
 
-/// Who replays in whose place.
-fn controller(with: &str, whom: &[Who], overrides: &[Override]) -> Result<(Who, With), Refusal> {
+/// The controller that replays, and the service that it replaces.
+fn controller(
+    with: &str,
+    selection: &[Who],
+    overrides: &[Override],
+) -> Result<(Who, With), Refusal> {
     if let Ok(role) = role(with) {
-        if whom.len() > 1 || whom.iter().any(|who| who.role != role) {
+        if selection.len() > 1 || selection.iter().any(|service| service.role != role) {
             let what = format!("--with {with} replaces {}, not what --service names", role.label());
             return Err(Refusal::Usage(what));
         }
         let name = services::names().find(|name| *name == with);
-        let who = whom.first().copied().unwrap_or_else(|| Who::all_of(role));
-        return Ok((who, With::Service { name, overrides: overrides.to_vec() }));
+        let service = selection.first().copied().unwrap_or_else(|| Who::all_of(role));
+        return Ok((service, With::Service { name, overrides: overrides.to_vec() }));
     }
     if !Path::new(with).is_file() {
         let what =
@@ -178,13 +183,13 @@ fn controller(with: &str, whom: &[Who], overrides: &[Override]) -> Result<(Who, 
         let what = "--set changes a service of this build; another executable has its own settings";
         return Err(Refusal::Usage(what.to_owned()));
     }
-    let [who] = *whom else {
+    let [service] = *selection else {
         let what = format!(
             "--with {with}: an executable is another build of morphquad; say with --service, for example `--service attitude`, which service it replays"
         );
         return Err(Refusal::Usage(what));
     };
-    Ok((who, With::Executable(with.into())))
+    Ok((service, With::Executable(with.into())))
 }
 
 /// A bar over services, on a terminal only.

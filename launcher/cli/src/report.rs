@@ -1,4 +1,4 @@
-//! `morphquad report`: a recording judged, told and drawn.
+//! `morphquad report`: a recording judged, reported and drawn.
 
 use super::flown::{self, Writers, unreadable};
 use super::keep_safe::write_page;
@@ -15,17 +15,21 @@ use std::path::{Path, PathBuf};
 use viewers::report::{Folder, Report, document, pictures};
 
 /// Reports on one recording or on all of a folder; 1 if a gate fails, 2 if a file cannot be read.
-pub(super) fn run(arguments: &ReportArguments, out: &mut dyn Write, said: &mut dyn Write) -> Done {
+pub(super) fn run(
+    arguments: &ReportArguments,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> Done {
     if !arguments.more.is_empty() {
         let first = arguments.file.as_deref().unwrap_or(Path::new("."));
         let folder = first.parent().filter(|folder| !folder.as_os_str().is_empty());
         let folder = shell_path(folder.unwrap_or(Path::new(".")));
-        let told = format!(
+        let reason = format!(
             "report takes one recording, or all of a folder, not several: try `morphquad report {folder}`"
         );
-        return Err(unreadable(&told));
+        return Err(unreadable(&reason));
     }
-    let file = flown::named_or_latest(arguments.file.as_deref(), said)?;
+    let file = flown::named_or_latest(arguments.file.as_deref(), diagnostics)?;
     let is_folder = file.is_dir();
     let folder = if is_folder {
         of_folder(&recordings_in(&file)?)
@@ -54,14 +58,14 @@ pub(super) fn run(arguments: &ReportArguments, out: &mut dyn Write, said: &mut d
         Folder { reports, .. } if !reports.iter().all(Report::passes) => exit::FAILED,
         _ => exit::PASS,
     };
-    match tell(&folder, is_folder, arguments, out) {
-        // Who has read enough, such as `head`, makes no pass of a fail.
+    match show(&folder, is_folder, arguments, out) {
+        // A reader that has seen enough, such as `head`, makes no pass of a fail.
         Err(Failure::Unwritten(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(verdict),
-        told => told.map(|()| verdict),
+        written => written.map(|()| verdict),
     }
 }
 
-/// Whatever can be told of a folder's files; what cannot be read, or is not to be judged, is named.
+/// Whatever can be reported of a folder's files; what cannot be read, or is not to be judged, is named.
 fn of_folder(files: &[PathBuf]) -> Folder {
     let bar = super::bar::bar(files.len(), "recordings");
     let mut folder = Folder::default();
@@ -101,7 +105,7 @@ fn recovered(path: &Path) -> Option<PathBuf> {
     Some(path.with_file_name(format!("{stem}{RECOVERED}")))
 }
 
-fn tell(
+fn show(
     folder: &Folder,
     is_folder: bool,
     arguments: &ReportArguments,

@@ -40,7 +40,7 @@ fn new(arguments: &ScenarioNewArguments, out: &mut dyn Write) -> Result<(), Fail
     let shown = file.display();
     let written = File::create_new(file).and_then(|mut created| created.write_all(text.as_bytes()));
     written.map_err(|error| {
-        let (told, code) = match error.kind() {
+        let (reason, code) = match error.kind() {
             io::ErrorKind::AlreadyExists => {
                 (format!("{shown} is there already: give another name"), exit::USAGE)
             }
@@ -49,7 +49,7 @@ fn new(arguments: &ScenarioNewArguments, out: &mut dyn Write) -> Result<(), Fail
                 exit::UNFIT,
             ),
         };
-        Failure::plain(&told, code)
+        Failure::plain(&reason, code)
     })?;
     let path = shell_path(file);
     writeln!(
@@ -82,8 +82,8 @@ fn keys(arguments: &ScenarioKeysArguments, out: &mut dyn Write) -> Result<(), Fa
         let guess = suggestion(&wanted, keys.chain(names.clone()));
         let guess = guess.split_once(" Known are").map(|(guess, _)| guess.to_owned());
         let remedy = guess.unwrap_or_else(|| suggestion(&wanted, names));
-        let told = format!("no key has {wanted} in its name: {remedy}");
-        return Err(Failure::plain(&told, exit::USAGE));
+        let reason = format!("no key has {wanted} in its name: {remedy}");
+        return Err(Failure::plain(&reason, exit::USAGE));
     }
     if arguments.format == Format::Json {
         let all: Value = found.iter().flat_map(|section| &section.keys).map(Key::to_json).collect();

@@ -23,7 +23,7 @@ use studies::worst_case::{self, WorstCaseError};
 use thiserror::Error;
 use vehicle::{MorphAngle, VehicleParameters};
 
-/// Seeds of a morphing study unless told otherwise, and of a quick one.
+/// Seeds of a morphing study if none are given, and of a quick one.
 const SEEDS: [u64; 2] = [20, 3];
 /// Random flights of a quick study, at most.
 const QUICK_SEEDS: usize = 15;
@@ -33,7 +33,7 @@ const QUICK_CANDIDATES: u64 = 3;
 const TIMES: [u16; 2] = [25, 8];
 /// The same of a quick study.
 const QUICK_TIMES: [u16; 2] = [7, 3];
-/// Weight of the paper's reproduction, whose limits are told beside those of flight.
+/// Weight of the paper's reproduction; its limits are shown beside those of flight.
 const PAPER_WEIGHT: f64 = 0.25;
 
 /// Why a study ended without a result.
@@ -195,12 +195,12 @@ fn fly_random(arguments: &RandomArguments) -> Result<(String, u8), StudyError> {
 
 /// What all flights of a study share, as changes of the scenario and as flags.
 fn shared(controller: &[String], set: &[String]) -> Result<(Vec<Override>, String), ScenarioError> {
-    let assigned = controller.iter().map(|words| Override::controller(words));
-    let set_to = set.iter().map(|words| Override::set(words));
+    let assigned = controller.iter().map(|value| Override::controller(value));
+    let set_to = set.iter().map(|value| Override::set(value));
     let overrides = assigned.chain(set_to).collect::<Result<_, _>>()?;
-    let flag = |name: &str, words: &String| format!("--{name} {}", shell_word(words));
-    let assigned = controller.iter().map(|words| flag("controller", words));
-    let flags: Vec<String> = assigned.chain(set.iter().map(|words| flag("set", words))).collect();
+    let flag = |name: &str, value: &String| format!("--{name} {}", shell_word(value));
+    let assigned = controller.iter().map(|value| flag("controller", value));
+    let flags: Vec<String> = assigned.chain(set.iter().map(|value| flag("set", value))).collect();
     Ok((overrides, flags.join(" ")))
 }
 

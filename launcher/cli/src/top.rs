@@ -10,7 +10,7 @@ use runtime::clock::{mono_now_ns, sleep_until};
 use serde_json::json;
 use std::io::{self, IsTerminal as _, Write};
 use viewers::top::draw::plain;
-use viewers::top::screen::{Ear, show, status_of};
+use viewers::top::screen::{GaugeReader, show, status_of};
 use viewers::top::snapshot::Usage;
 
 /// How long one look takes \[ns\].
@@ -24,19 +24,19 @@ pub(super) fn run(arguments: &TopArguments, out: &mut dyn Write) -> Done {
     };
     let found = runs::find(arguments.run.run.as_deref()).map_err(|error| refuse(error.into()))?;
     let first = status_of(&found).map_err(|error| refuse(error.into()))?;
-    let ear = Ear::open(&found).map_err(|error| refuse(error.into()))?;
+    let reader = GaugeReader::open(&found).map_err(|error| refuse(error.into()))?;
     let on_terminal = io::stdout().is_terminal() && io::stdin().is_terminal();
     if !arguments.once && on_terminal {
-        show(&found, &ear, first, execute)?;
+        show(&found, &reader, first, execute)?;
         return Ok(exit::PASS);
     }
     // The first look is what processor time is counted from.
     let (mut usage, begin_ns) = (Usage::default(), mono_now_ns());
-    let _ = ear.snapshot(first, &mut usage, 0.0);
+    let _ = reader.snapshot(first, &mut usage, 0.0);
     sleep_until(begin_ns + LOOK_NS);
     let status = status_of(&found).map_err(|error| refuse(error.into()))?;
     let snapshot =
-        ear.snapshot(status, &mut usage, mono_now_ns().saturating_sub(begin_ns) as f64 / 1e9);
+        reader.snapshot(status, &mut usage, mono_now_ns().saturating_sub(begin_ns) as f64 / 1e9);
     match arguments.format {
         Format::Text => write!(out, "{}", plain(&snapshot))?,
         Format::Json => {
@@ -53,10 +53,10 @@ pub(super) fn run(arguments: &TopArguments, out: &mut dyn Write) -> Done {
     Ok(exit::PASS)
 }
 
-/// A command typed on the screen, with all that it says.
-fn execute(words: Vec<String>) -> Vec<String> {
+/// Runs a command typed on the screen, and returns all that it prints.
+fn execute(arguments: Vec<String>) -> Vec<String> {
     let (mut out, mut diagnostics) = (Vec::new(), Vec::new());
-    let code = super::execute(words.into_iter().map(Into::into), &mut out, &mut diagnostics);
+    let code = super::execute(arguments.into_iter().map(Into::into), &mut out, &mut diagnostics);
     let text = [out, diagnostics].concat();
     // Complaints are coloured for the terminal, which here is the screen's.
     let text = strip_str(&String::from_utf8_lossy(&text)).to_string();

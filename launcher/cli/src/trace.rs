@@ -73,10 +73,10 @@ impl Wanted {
         if !self.found.is_empty() {
             return Ok(self.found);
         }
-        let whose = self.seat.map_or(String::new(), |seat| format!(" of seat {seat}"));
+        let of_seat = self.seat.map_or(String::new(), |seat| format!(" of seat {seat}"));
         let there_are = match self.range {
-            Some((first, last)) => format!("the file has {first} to {last}{whose}"),
-            None => format!("the file has none{whose}"),
+            Some((first, last)) => format!("the file has {first} to {last}{of_seat}"),
+            None => format!("the file has none{of_seat}"),
         };
         let sequence = self.sequence;
         let what =

@@ -12,8 +12,12 @@ use std::sync::Arc;
 use viewers::view::{Scene, ServeError, Server, page};
 
 /// Writes the page, or serves it.
-pub(super) fn run(arguments: &ViewArguments, out: &mut dyn Write, said: &mut dyn Write) -> Done {
-    let flight = flown::open(&flown::named_or_latest(arguments.file.as_deref(), said)?)?;
+pub(super) fn run(
+    arguments: &ViewArguments,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> Done {
+    let flight = flown::open(&flown::named_or_latest(arguments.file.as_deref(), diagnostics)?)?;
     let busy = super::bar::busy("reading");
     let scene = Scene::read(&flight);
     drop(busy);

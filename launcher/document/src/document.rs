@@ -3,7 +3,7 @@
 //!
 //! Every text that contributes (the file, then each flag) owns a range of one virtual text: it is
 //! parsed behind as many blanks as there are characters before it. A byte range of the merged
-//! document therefore says by itself from which text it comes.
+//! document therefore identifies by itself the text that it comes from.
 
 use super::problem::{Place, Problem};
 use core::ops::Range;
@@ -120,7 +120,7 @@ pub struct Document<'t> {
 }
 
 impl<'t> Document<'t> {
-    /// Parses the scenario, puts each edit in place of what it says, and gives sections the names of today.
+    /// Parses the scenario, applies each edit to it, and gives sections the names of today.
     ///
     /// # Errors
     /// A text that is no TOML, or an edit of what is no table.
@@ -167,7 +167,8 @@ impl<'t> Document<'t> {
         let (what, remedy) = (format!("is called `{new}` now"), format!("write `{new}`"));
         let place = self.texts.place(span);
         let warning = Problem::new(old, what, remedy, place).into_warning();
-        let is_same = |told: &Problem| (told.key(), told.file()) == (warning.key(), warning.file());
+        let is_same =
+            |known: &Problem| (known.key(), known.file()) == (warning.key(), warning.file());
         if !self.renamed.iter().any(is_same) {
             self.renamed.push(warning);
         }

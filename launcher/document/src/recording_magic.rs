@@ -1,4 +1,4 @@
-//! What tells a recording from any other file.
+//! What distinguishes a recording from any other file.
 
 use std::fs::File;
 use std::io::Read as _;

@@ -1,6 +1,6 @@
 //! What was probably meant.
 
-/// Words that end a key and name its unit.
+/// Ends of keys that name the unit.
 const UNITS: [&str; 22] = [
     "s", "ms", "us", "ns", "m", "mm", "cm", "kg", "g", "n", "nm", "mn", "rad", "deg", "hz", "khz",
     "s2", "m2", "sqrt", "rpm", "pct", "weights",
@@ -31,9 +31,9 @@ fn closest<'a>(given: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a 
 }
 
 fn without_unit(key: &str) -> String {
-    let words: Vec<&str> = key.split('_').collect();
-    let kept = words.iter().rposition(|word| !UNITS.contains(word)).map_or(0, |last| last + 1);
-    words[..kept].join("_")
+    let parts: Vec<&str> = key.split('_').collect();
+    let kept = parts.iter().rposition(|part| !UNITS.contains(part)).map_or(0, |last| last + 1);
+    parts[..kept].join("_")
 }
 
 #[cfg(test)]

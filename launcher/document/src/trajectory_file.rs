@@ -194,13 +194,13 @@ fn numbers(
     order.iter().map(number).collect()
 }
 
-/// The records of a text, without lines that are empty or words, and what a comma at the end of a line leaves behind.
+/// The records of a text, without empty lines and comments, and what a comma at the end of a line leaves behind.
 fn records(text: &str) -> Result<Vec<Record>, (Range<usize>, String)> {
-    let is_words = |line: &str| line.trim().is_empty() || line.trim_start().starts_with('#');
-    let first = text.lines().find(|line| !is_words(line)).unwrap_or_default();
+    let is_comment = |line: &str| line.trim().is_empty() || line.trim_start().starts_with('#');
+    let first = text.lines().find(|line| !is_comment(line)).unwrap_or_default();
     // A quotation mark in a comment begins no field; what is blank instead leaves every other place as it is.
     let blank = |line: &str| {
-        if is_words(line) { " ".repeat(line.len() - 1) + "\n" } else { line.to_owned() }
+        if is_comment(line) { " ".repeat(line.len() - 1) + "\n" } else { line.to_owned() }
     };
     let bare: String = text.split_inclusive('\n').map(blank).collect();
     let mut reader = csv::ReaderBuilder::new()
@@ -295,13 +295,13 @@ fn meant(unknown: &str) -> Option<&'static str> {
         return Some("t");
     }
     let parts: Vec<&str> = unknown.split(['_', '.', ' ']).collect();
-    let says = |words: &[&str]| parts.iter().any(|part| words.contains(part));
+    let has = |names: &[&str]| parts.iter().any(|part| names.contains(part));
     let axis = ["x", "y", "z"].into_iter().position(|axis| parts.contains(&axis))?;
-    let names = if says(&["v", "vel", "velocity"]) {
+    let names = if has(&["v", "vel", "velocity"]) {
         ["vx", "vy", "vz"]
-    } else if says(&["a", "acc", "accel", "acceleration"]) {
+    } else if has(&["a", "acc", "accel", "acceleration"]) {
         ["ax", "ay", "az"]
-    } else if says(&["p", "pos", "position"]) {
+    } else if has(&["p", "pos", "position"]) {
         ["x", "y", "z"]
     } else {
         return None;

@@ -13,7 +13,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Columns with a heading each. Cells are text: who fills them knows how many digits count.
+/// Columns with a heading each. Cells are text: the code that fills them knows how many digits count.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Table {
     headings: Vec<String>,
@@ -57,7 +57,7 @@ impl Table {
 
     /// A list with one object per row, by heading; what reads as a number becomes one.
     ///
-    /// A heading that comes twice is told apart by the heading before it.
+    /// A heading that comes twice is distinguished by the heading before it.
     #[must_use]
     pub fn to_json(&self) -> serde_json::Value {
         let value = |cell: &String| match cell.parse::<f64>() {
@@ -96,7 +96,7 @@ impl Table {
     }
 }
 
-/// Aligned for people: numbers to the right, words to the left.
+/// Aligned for people: numbers to the right, text to the left.
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let width = |column: usize| {

@@ -47,12 +47,12 @@ function numeric({ name, unit, min, max, value = "", step = "any", required = tr
 /** The token in the page's address is taken out of it; a reload finds it again. */
 function takeToken(run) {
   const key = `morphquad-token-${run}`;
-  const told = new URLSearchParams(location.hash.slice(1));
+  const fragment = new URLSearchParams(location.hash.slice(1));
   const kept = (use) => { try { return use(sessionStorage); } catch { return null; } };
-  const token = told.get("token");
+  const token = fragment.get("token");
   if (token === null) return kept((store) => store.getItem(key));
-  told.delete("token");
-  const rest = told.toString();
+  fragment.delete("token");
+  const rest = fragment.toString();
   history.replaceState(null, "", location.pathname + location.search + (rest ? `#${rest}` : ""));
   kept((store) => store.setItem(key, token));
   return token;
@@ -70,14 +70,14 @@ class Control {
     panel.hidden = false;
   }
 
-  /** With a token the buttons work; without, the panel says where it is. */
+  /** With a token the buttons work; without, the panel shows where it is. */
   open(token) {
     this.token = token;
     const works = this.live.may_order && token !== null && !this.isOver;
     for (const part of this.panel.querySelectorAll("fieldset")) part.disabled = !works;
-    if (this.isOver) this.say(true, "The flight has ended.");
-    else if (!this.live.may_order) this.say(true, "This flight takes no orders from a page.");
-    else this.say(true, token === null ? WITHOUT_TOKEN : "");
+    if (this.isOver) this.report(true, "The flight has ended.");
+    else if (!this.live.may_order) this.report(true, "This flight takes no orders from a page.");
+    else this.report(true, token === null ? WITHOUT_TOKEN : "");
     if (works) this.prove(token);
   }
 
@@ -86,7 +86,7 @@ class Control {
     const { isWrongToken, text } = await command(token, { request: "ps" });
     if (!isWrongToken || token !== this.token || this.isOver) return;
     for (const part of this.panel.querySelectorAll("fieldset")) part.disabled = true;
-    this.say(false, `wrong token: ${text}`);
+    this.report(false, `wrong token: ${text}`);
   }
 
   over() {
@@ -94,21 +94,21 @@ class Control {
     this.open(this.token);
   }
 
-  say(isGood, text) {
+  report(isGood, text) {
     this.answer.textContent = text;
     this.answer.title = text;
     this.answer.className = isGood ? "" : "bad";
   }
 
-  /** Sends a request and tells what came of it; a button asks one thing at a time. */
+  /** Sends a request and reports what came of it; a button asks one thing at a time. */
   async send(button, name, request) {
     if (button.ariaBusy === "true") return;
     button.ariaBusy = "true";
-    this.say(true, `${name}: asked …`);
+    this.report(true, `${name}: asked …`);
     const { isGood, isWrongToken, text } = await command(this.token, request);
     button.ariaBusy = "false";
     if (this.isOver) return;
-    this.say(isGood, isWrongToken ? `wrong token: ${text}` : `${isGood ? "✔" : "✖"} ${name}: ${text}`);
+    this.report(isGood, isWrongToken ? `wrong token: ${text}` : `${isGood ? "✔" : "✖"} ${name}: ${text}`);
   }
 
   /** A row whose first button, or Enter, asks for something. */
@@ -208,7 +208,7 @@ class Control {
     return form;
   }
 
-  /** Who commands now. */
+  /** Shows which controllers command now. */
   status(status) {
     for (const { slot, owner, choice, swap, back, course, stages, when } of this.slots) {
       const now = status.slots.find((one) => one.slot === slot);

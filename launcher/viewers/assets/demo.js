@@ -40,17 +40,17 @@ class Demo {
       ["Bad swap", "An attitude controller whose rate loop is eight times too slow", () => this.ask("bad", "/demo"), (text) => text],
       ["Kill", "Kills the process that commands the attitude", () => this.ask("kill", "/demo"), (text) => `${text}; its successor goes on where it was: see Events`],
     ];
-    panel.querySelector(".tries").append(...tries.map(([name, title, ask, told]) => this.button(name, title, ask, told)));
-    panel.querySelector(".next").append(...NEXT.map(([what, words]) => this.next(what, words)));
+    panel.querySelector(".tries").append(...tries.map(([name, title, ask, describe]) => this.button(name, title, ask, describe)));
+    panel.querySelector(".next").append(...NEXT.map(([what, line]) => this.next(what, line)));
     panel.hidden = false;
   }
 
-  button(name, title, ask, told) {
+  button(name, title, ask, describe) {
     const button = made("button", { type: "button", textContent: name, title });
     button.addEventListener("click", async () => {
       if (button.ariaBusy === "true") return;
       button.ariaBusy = "true";
-      this.say(true, `${name}: ${title} …`);
+      this.report(true, `${name}: ${title} …`);
       let came = { isGood: false, text: "no answer" };
       try {
         came = await ask();
@@ -61,12 +61,12 @@ class Demo {
       const course = replies?.find((reply) => reply.course)?.course;
       if (course) this.flight.rehearsed = { course, since_ms: performance.now() };
       const drawn = course ? " The red course is how the rehearsal went; nothing of it was flown." : "";
-      this.say(isGood, isGood ? `✔ ${name}: ${told(text)}` : `✖ ${name}: ${text}.${drawn}`);
+      this.report(isGood, isGood ? `✔ ${name}: ${describe(text)}` : `✖ ${name}: ${text}.${drawn}`);
     });
     return button;
   }
 
-  say(isGood, text) {
+  report(isGood, text) {
     this.answer.textContent = text;
     this.answer.className = isGood ? "" : "bad";
   }
@@ -90,20 +90,20 @@ class Demo {
     return this.ask({ request: "swap", slot: "attitude", to });
   }
 
-  /** Who commands now. */
+  /** Keeps which controller commands now. */
   status(status) {
     this.owner = status.slots.find(({ slot }) => slot === "attitude")?.owner ?? "";
   }
 
   /** A command with a button that copies it. */
-  next(what, words) {
+  next(what, line) {
     // Only an address of this machine, or an encrypted one, may write to the clipboard.
     const copy = made("button", { type: "button", textContent: "copy", title: "Copies the command", hidden: !navigator.clipboard });
     copy.addEventListener("click", async () => {
-      await navigator.clipboard.writeText(words);
+      await navigator.clipboard.writeText(line);
       copy.textContent = "copied";
       setTimeout(() => { copy.textContent = "copy"; }, 1500);
     });
-    return made("li", {}, `${what}: `, made("code", { textContent: words }), " ", copy);
+    return made("li", {}, `${what}: `, made("code", { textContent: line }), " ", copy);
   }
 }

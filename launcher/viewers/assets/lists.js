@@ -32,7 +32,7 @@ function fillLoops(table, loops) {
   table.replaceChildren(tableRow(["loop", ...columns], "th"), ...loops.map((one) => tableRow([one.name, ...columns.map((c) => one[c])], "td")));
 }
 
-/** Who flies, as the launcher of a running flight knows it. */
+/** The processes that fly, as the launcher of a running flight knows it. */
 function fillProcesses(table, processes) {
   const rows = processes.map((one) => tableRow([
     one.seat > 0 ? `${one.name}@${one.seat}` : one.name, one.state, one.pid ?? "\u2013", figure(one.rate_hz, 0), one.generation, figure(one.mark_age_s, 2),

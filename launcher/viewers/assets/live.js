@@ -6,10 +6,10 @@ const HIDDEN_MS = 2000;
 const RETRY_MS = 1000;
 /** An answer that takes longer does not come. */
 const PATIENCE_MS = 10_000;
-/** The server stays until every open page has shown the end, so it has to tell one from another. */
+/** The server stays until every open page has shown the end, so it has to distinguish them. */
 const PAGE = `page=${Math.random().toString(36).slice(2)}`;
 
-/** Tells the server not to wait for this page any longer. */
+/** Notifies the server not to wait for this page any longer. */
 function notifyClosed() {
   navigator.sendBeacon(`/close?${PAGE}`);
 }
@@ -58,9 +58,9 @@ function join(flight, news) {
 }
 
 class Live {
-  /** `told` hears what came: `{ status, dropped, isOver, hasEvents }`, or `{ lost }` with a reason. */
-  constructor(flight, edge, told) {
-    Object.assign(this, { flight, edge, told, timer: null, asks: false });
+  /** `report` receives what came: `{ status, dropped, isOver, hasEvents }`, or `{ lost }` with a reason. */
+  constructor(flight, edge, report) {
+    Object.assign(this, { flight, edge, report, timer: null, asks: false });
     flight.known = flight.events;
     edge.arrived(flight.to_s, performance.now() / 1000);
     document.addEventListener("visibilitychange", () => { if (!document.hidden) this.plan(0); });
@@ -81,7 +81,7 @@ class Live {
       await this.take();
     } catch (error) {
       wait_ms = RETRY_MS;
-      this.told({ lost: error.isOther ? error.message : "connection lost, trying again" });
+      this.report({ lost: error.isOther ? error.message : "connection lost, trying again" });
     }
     this.asks = false;
     this.plan(Math.max(20, wait_ms - (performance.now() - begun)));
@@ -94,7 +94,7 @@ class Live {
     const hasEvents = join(flight, news);
     this.edge.isOver = news.is_over;
     this.edge.arrived(flight.to_s, performance.now() / 1000);
-    this.told({ status: news.status, dropped: news.dropped, isOver: news.is_over, hasEvents });
+    this.report({ status: news.status, dropped: news.dropped, isOver: news.is_over, hasEvents });
     if (news.is_over) notifyClosed();
   }
 

@@ -28,7 +28,7 @@ function showOutcome(element, { is_good: isGood, text }, isOver) {
   element("outcome").className = isGood ? "good" : "bad";
 }
 
-/** The panes of a flight under way, which hear from the server what is new. */
+/** The panes of a flight under way, which get from the server what is new. */
 function goLive(flight, player, element, refresh) {
   document.documentElement.dataset.live = "yes";
   for (const id of ["badge", "recent", "edge", "processes"]) element(id).hidden = false;
@@ -97,7 +97,7 @@ function start() {
     element("recent").setAttribute("aria-pressed", String(player.span === RECENT_S));
     changed();
   };
-  const act = (what) => (...told) => { what(...told); shown(); };
+  const act = (what) => (...args) => { what(...args); shown(); };
   const seek = act((t) => player.seek(t));
   const play = act(() => player.play(!player.plays && !player.follows));
   const zoom = act((window) => player.zoom(window));

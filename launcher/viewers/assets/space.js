@@ -235,7 +235,7 @@ class SpaceView {
         this.bar(solid, world(elbow), world(rotor), wide, z, [...purple, 1]);
       }
       const top = add(world(rotor), z, 0.02 * scale);
-      // The front rotor tells which way the vehicle looks.
+      // The front rotor shows which way the vehicle looks.
       this.disc(clear, top, shape.propeller * scale, x, y, [...(i === 0 ? orange : sky), 0.42]);
       this.arrow(solid, top, z.map((v) => v * pose.thrust[i] * reach.thrust), 0.011 * scale, [...blue, 1]);
     });

@@ -247,7 +247,7 @@ impl RecordVisitor for Read<'_> {
     }
 }
 
-/// As many points as can be told apart: of each stretch the lowest and the highest, in their order.
+/// As many points as a drawing can show: of each stretch the lowest and the highest, in their order.
 fn thinned(points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     if points.len() <= DRAWN {
         return points;
@@ -281,7 +281,7 @@ mod tests {
 
     #[test]
     fn what_is_no_signal_is_refused_with_what_may_have_been_meant() {
-        for (asked, told) in [
+        for (asked, hint) in [
             ("trut.position_w_m", "`truth`"),
             ("truth.positon_w_m", "`position_w_m`"),
             ("truth", "position_w_m"),
@@ -289,7 +289,7 @@ mod tests {
             ("truth.position_w_m[7]", "`position_w_m`"),
         ] {
             let error = Signal::parse(asked).unwrap_err().to_string();
-            assert!(error.contains(told), "{asked}: {error}");
+            assert!(error.contains(hint), "{asked}: {error}");
         }
     }
 

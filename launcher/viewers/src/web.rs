@@ -30,10 +30,10 @@ use tokio_io_timeout::TimeoutStream;
 
 /// How long one may take to read what it is sent, or to send what belongs to its request.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// How long one may take to say what it wants.
+/// How long one may take to send the head of its request.
 const HEAD_PATIENCE: Duration = Duration::from_secs(5);
-/// How long a client that is being answered is waited for at the end: a flight that is told to stop answers the client
-/// that told it, and on a busy machine that takes its time.
+/// How long a client that is being answered is waited for at the end: a flight that is ordered to stop answers the
+/// client that ordered it, and on a busy machine that takes its time.
 const GOODBYE: Duration = Duration::from_secs(5);
 /// Longest body of a request \[bytes\].
 const BODY_BYTES: usize = 16 << 10;
@@ -48,7 +48,7 @@ pub(crate) struct Asked {
     pub(crate) path: String,
     /// After it.
     pub(crate) query: String,
-    /// Whom it believes to be talking to.
+    /// The host that it believes to be talking to.
     host: Option<String>,
     /// Where the page is from that has the browser ask; `none` if its user has.
     site: Option<String>,
@@ -79,7 +79,7 @@ impl Answer {
         Self::new(StatusCode::OK, "application/json", body.into())
     }
 
-    /// A sentence that says why not.
+    /// A sentence that states why not.
     pub(crate) fn refusal(code: StatusCode, sentence: impl core::fmt::Display) -> Self {
         Self::new(code, "text/plain; charset=utf-8", format!("{sentence}\n"))
     }
@@ -314,9 +314,9 @@ mod tests {
                 let host = server.address();
                 let whole = format!("GET /{i} HTTP/1.1\r\nHost: {host}\r\n\r\n").repeat(50);
                 // Half of them never finish asking, the others never listen.
-                let said = if i % 2 == 0 { &whole[..20] } else { &whole };
+                let request = if i % 2 == 0 { &whole[..20] } else { &whole };
                 // A client that comes later may already have taken this one's place.
-                let _ = stream.write_all(said.as_bytes());
+                let _ = stream.write_all(request.as_bytes());
                 stream
             })
             .collect();

@@ -49,7 +49,7 @@ pub(super) fn measure(arguments: &LoopsArguments) -> Result<(String, u8), BenchE
             "failed": failures,
         })
         .to_string(),
-        TableFormat::Table => told(&measured, comparison.as_ref(), arguments, &failures),
+        TableFormat::Table => to_text(&measured, comparison.as_ref(), arguments, &failures),
     };
     Ok((text, code))
 }
@@ -111,7 +111,7 @@ fn write(flag: &'static str, path: &Path, text: &str) -> Result<(), BenchError> 
     Ok(())
 }
 
-fn told(
+fn to_text(
     measured: &Measured,
     comparison: Option<&Comparison>,
     arguments: &LoopsArguments,

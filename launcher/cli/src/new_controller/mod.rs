@@ -9,7 +9,7 @@ use host::exit;
 use std::io::Write;
 use template::{NewController, NewControllerError};
 
-/// Writes a crate and says how to fly it.
+/// Writes a crate and prints how to fly it.
 pub(super) fn run(arguments: &NewControllerArguments, out: &mut dyn Write) -> Done {
     let NewControllerArguments { name, slot, dir, path } = arguments.clone();
     let new = NewController { name, slot, dir, path };

@@ -19,8 +19,8 @@ const SOURCE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 /// A file that only this source tree has.
 const MARK: &str = "services/lib/host/Cargo.toml";
 
-/// Words that neither Rust nor cargo takes as the name of a crate.
-const WORDS: &str = "abstract as async await become box break build const continue crate deps do dyn \
+/// Reserved names, which neither Rust nor cargo takes for a crate.
+const RESERVED: &str = "abstract as async await become box break build const continue crate deps do dyn \
     else enum examples extern false final fn for gen if impl in incremental let loop macro match mod \
     move mut override priv pub ref return self static struct super trait true try type typeof unsafe \
     unsized use virtual where while yield";
@@ -182,7 +182,7 @@ impl NewController {
         if taken || ["core", "std", "alloc", "test", "proc-macro"].contains(&self.name.as_str()) {
             return refuse("a crate that it is built from has it");
         }
-        if WORDS.split(' ').any(|word| word == self.name) {
+        if RESERVED.split(' ').any(|name| name == self.name) {
             return refuse("it is a word of Rust or of cargo");
         }
         Ok(())

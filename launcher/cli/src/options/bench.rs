@@ -55,16 +55,16 @@ impl Cpus {
 }
 
 impl PlaceArguments {
-    /// The same again as words, for a flight of its own.
+    /// The same as arguments, for a flight in a process of its own.
     #[must_use]
     pub fn words(&self) -> Vec<String> {
-        let mut words = vec![format!("--policy={}", self.policy.label())];
-        words.push(format!("--priority={}", self.priority));
+        let mut arguments = vec![format!("--policy={}", self.policy.label())];
+        arguments.push(format!("--priority={}", self.priority));
         if let Some(Cpus(cpus)) = &self.cpus {
             let cpus: Vec<String> = cpus.iter().map(usize::to_string).collect();
-            words.push(format!("--cpus={}", cpus.join(",")));
+            arguments.push(format!("--cpus={}", cpus.join(",")));
         }
-        words
+        arguments
     }
 
     /// The processors named; none for all.
@@ -74,13 +74,13 @@ impl PlaceArguments {
     }
 }
 
-/// A scenario as words, for a flight of its own that lasts this long unless told otherwise.
+/// A scenario as arguments, for a flight in a process of its own that lasts `usual` if no duration is given.
 #[must_use]
 pub fn scenario_words(scenario: &ScenarioArguments, usual: &str) -> Vec<String> {
     let for_s = scenario.duration.map(|duration| format!("{}s", duration.as_secs_f64()));
-    let mut words = vec![scenario.scenario.clone()];
-    words.push(format!("--for={}", for_s.as_deref().unwrap_or(usual)));
-    words.extend(scenario.seed.map(|seed| format!("--seed={seed}")));
+    let mut arguments = vec![scenario.scenario.clone()];
+    arguments.push(format!("--for={}", for_s.as_deref().unwrap_or(usual)));
+    arguments.extend(scenario.seed.map(|seed| format!("--seed={seed}")));
     let lists = [
         ("--rate", &scenario.rate),
         ("--controller", &scenario.controller),
@@ -90,9 +90,9 @@ pub fn scenario_words(scenario: &ScenarioArguments, usual: &str) -> Vec<String> 
         ("--fault", &scenario.fault),
     ];
     for (flag, values) in lists {
-        words.extend(values.iter().map(|value| format!("{flag}={value}")));
+        arguments.extend(values.iter().map(|value| format!("{flag}={value}")));
     }
-    words
+    arguments
 }
 
 /// One sample on its way.

@@ -23,7 +23,7 @@ mod tests {
     #[test]
     fn what_is_wrong_with_a_duration_is_said_with_an_example() {
         assert_eq!(duration("1m 30s").map(|d| d.as_secs_f64()), Ok(90.0));
-        for (text, told) in [
+        for (text, reason) in [
             ("-3s", "must not be negative"),
             ("-1m 500ms", "must not be negative"),
             ("3", "needs a unit"),
@@ -32,8 +32,8 @@ mod tests {
             ("abc", "no duration"),
             ("", "no duration"),
         ] {
-            let said = duration(text).unwrap_err();
-            assert!(said.contains(told) && said.contains("500ms"), "{text}: {said}");
+            let error = duration(text).unwrap_err();
+            assert!(error.contains(reason) && error.contains("500ms"), "{text}: {error}");
         }
     }
 }

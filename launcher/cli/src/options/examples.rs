@@ -1,4 +1,4 @@
-//! Examples under the help of commands that say the rest in their arguments.
+//! Examples under the help of commands; the help of their arguments has the rest.
 
 pub(super) const RUN: &str = "\
 Examples:

@@ -105,8 +105,8 @@ mod tests {
             assert_eq!(listen(text).map(|found| found.to_string()).as_deref(), Ok(address));
         }
         for bad in ["", "127.0.0.1", "localhost", "elsewhere:8765", "65536", "-1", "::1"] {
-            let told = listen(bad).unwrap_err();
-            assert!(told.contains("127.0.0.1:8765"), "{bad}: {told}");
+            let error = listen(bad).unwrap_err();
+            assert!(error.contains("127.0.0.1:8765"), "{bad}: {error}");
         }
     }
 }

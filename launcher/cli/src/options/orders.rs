@@ -197,7 +197,7 @@ pub struct Span {
 }
 
 impl Disturbance {
-    /// As an order, and to whom.
+    /// As an order, and its target.
     pub(crate) fn order(&self) -> (Order, &Target) {
         let during = |load: Load, span: &'_ Span| {
             let for_s = span.duration.map(|duration| duration.as_secs_f64());

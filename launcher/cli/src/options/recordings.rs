@@ -57,7 +57,7 @@ pub struct RecordingsShowArguments {
 }
 
 /// Takes the path of a recording, `latest`, or the beginning of a name. What is none of them is left to the command,
-/// which says what may have been meant.
+/// which reports what may have been meant.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RecordingName;
 

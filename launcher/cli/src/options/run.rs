@@ -170,9 +170,9 @@ fn recording_name(text: &str) -> Result<String, String> {
     let name = text.strip_suffix(".mcap").unwrap_or(text);
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
     if !name.starts_with(|c: char| c.is_ascii_alphanumeric()) || !name.chars().all(is_plain) {
-        let told =
+        let reason =
             "a name begins with a letter or a digit, and has letters, digits, `-`, `_` and `.`";
-        return Err(told.to_owned());
+        return Err(reason.to_owned());
     }
     if name.len() > NAME_BYTES {
         return Err(format!("a name has at most {NAME_BYTES} characters"));

@@ -118,7 +118,7 @@ impl Module {
         if self.declares(code.name) {
             self.line(format_args!("\n\nclass {}(enum.IntEnum):", code.name));
             for (name, value) in code.variants {
-                // A word of the language itself cannot be a name.
+                // A keyword of the language cannot be a name.
                 let mark = if matches!(*name, "None" | "True" | "False") { "_" } else { "" };
                 self.line(format_args!("    {name}{mark} = {value}"));
             }
@@ -206,8 +206,8 @@ print(len(classes), len(samples.TOPICS))
             .arg(folder.path())
             .output()
             .expect("python3 is there, as for the readers of recordings");
-        let said = String::from_utf8_lossy(&checked.stderr);
-        assert!(checked.status.success(), "{said}");
+        let errors = String::from_utf8_lossy(&checked.stderr);
+        assert!(checked.status.success(), "{errors}");
         let counted = String::from_utf8_lossy(&checked.stdout);
         let counted: Vec<usize> = counted.split_whitespace().map(|n| n.parse().unwrap()).collect();
         assert_eq!(counted[1], travelling_topics().len());

@@ -23,7 +23,7 @@ const MOMENT: Duration = Duration::from_millis(100);
 pub(super) fn run(
     arguments: &TopicEchoArguments,
     out: &mut dyn Write,
-    said: &mut dyn Write,
+    diagnostics: &mut dyn Write,
 ) -> Done {
     let what = What::of(&arguments.what)?;
     if let Some(field) = arguments.fields.first().filter(|_| what.is_all() || what.wants_events()) {
@@ -43,7 +43,7 @@ pub(super) fn run(
             let mut reader = FromFile { what: &what, time, echo: &mut echo };
             flight.visit(&mut reader).map_err(refuse)?;
         }
-        None => live(arguments, &what, &mut echo, said)?,
+        None => live(arguments, &what, &mut echo, diagnostics)?,
     }
     echo.finish()?;
     Ok(exit::PASS)
@@ -63,7 +63,7 @@ fn live(
     arguments: &TopicEchoArguments,
     what: &What,
     echo: &mut Echo<'_>,
-    said: &mut dyn Write,
+    diagnostics: &mut dyn Write,
 ) -> Result<(), Failure> {
     let run = find(arguments.run.run.as_deref())?;
     let topics = what.topics_or_all();
@@ -77,11 +77,11 @@ fn live(
                 }
             }
             Word::Dropped(count) => {
-                writeln!(said, "morphquad: {count} samples were left out, read too slowly")?;
+                writeln!(diagnostics, "morphquad: {count} samples were left out, read too slowly")?;
             }
             Word::Told(log) => {
                 if let Ok(event) = RecordedEvent::decode(&log) {
-                    echo.tell(&event, time);
+                    echo.show_event(&event, time);
                 }
             }
             Word::Nothing | Word::Ended(_) => echo.out.flush()?,
@@ -143,7 +143,7 @@ impl<'a> Echo<'a> {
     }
 
     /// Shows an event of a flight that began at Unix time `time.0` \[ns\].
-    fn tell(&mut self, event: &RecordedEvent, (epoch_unix_ns, clock): (u64, Clock)) {
+    fn show_event(&mut self, event: &RecordedEvent, (epoch_unix_ns, clock): (u64, Clock)) {
         let at_s = event.at_s(epoch_unix_ns, clock);
         if !self.is_next(EVENTS, at_s) {
             return;
@@ -211,7 +211,7 @@ impl RecordVisitor for FromFile<'_, '_> {
     }
     fn event(&mut self, event: RecordedEvent) {
         if self.what.wants_events() {
-            self.echo.tell(&event, self.time);
+            self.echo.show_event(&event, self.time);
         }
     }
 }

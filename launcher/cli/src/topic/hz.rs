@@ -22,7 +22,11 @@ use std::io::Write;
 pub(super) type Tallies = BTreeMap<&'static str, Tally>;
 
 /// Counts and shows.
-pub(super) fn run(arguments: &TopicHzArguments, out: &mut dyn Write, said: &mut dyn Write) -> Done {
+pub(super) fn run(
+    arguments: &TopicHzArguments,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> Done {
     let what = What::of_samples(&arguments.what)?;
     let tallies = if let Some(path) = &what.file {
         let flight = open(path)?;
@@ -35,7 +39,7 @@ pub(super) fn run(arguments: &TopicHzArguments, out: &mut dyn Write, said: &mut 
         let wanted = what.topics_or_all();
         let (tallies, dropped) = listen(&run, &wanted, arguments.duration)?;
         if dropped > 0 {
-            writeln!(said, "morphquad: {dropped} samples were left out, read too slowly")?;
+            writeln!(diagnostics, "morphquad: {dropped} samples were left out, read too slowly")?;
         }
         tallies
     };

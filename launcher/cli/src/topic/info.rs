@@ -17,13 +17,13 @@ use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 
-/// Tells about topics, or about a recording.
+/// Describes topics, or a recording.
 pub(super) fn run(arguments: &TopicInfoArguments, out: &mut dyn Write) -> Done {
     let what = What::of_samples(&arguments.what)?;
     let (text, json) = if let Some(path) = &what.file {
         of_file(path, &what)?
     } else {
-        let text: Vec<String> = what.topics.iter().map(|topic| words(topic)).collect();
+        let text: Vec<String> = what.topics.iter().map(|topic| describe(topic)).collect();
         (text.join("\n"), what.topics.iter().map(|topic| object(topic)).collect())
     };
     match arguments.format {
@@ -44,7 +44,7 @@ fn edge(topic: &TopicInfo) -> &'static str {
     }
 }
 
-fn words(topic: &TopicInfo) -> String {
+fn describe(topic: &TopicInfo) -> String {
     let schema = schema(topic);
     let mut text = format!("{}  {}\n", topic.name, topic.summary);
     let type_name = schema.map_or("", |schema| schema.name);
@@ -113,7 +113,7 @@ fn head(flight: &RecordedFlight, closing: &Closing, bytes: u64) -> String {
     let version = format!("morphquad {} ({})", fact("version"), fact("git"));
     let _ = writeln!(text, "recorded by {version}");
     let summary = &closing.summary;
-    // The words that the flight had for itself; before it had any, how it ended.
+    // The verdict that the flight gave itself; before there were verdicts, how it ended.
     match (closing.complete, summary.get("verdict").or_else(|| summary.get("outcome"))) {
         (true, Some(verdict)) => {
             let hash = summary.get("hash").map_or("", String::as_str);

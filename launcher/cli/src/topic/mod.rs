@@ -32,7 +32,7 @@ pub(super) enum Trouble {
     #[error("name a recording: `morphquad topic export FILE --csv`")]
     NoFile,
     #[error("events are words, not samples: `morphquad topic echo {EVENTS}` shows them")]
-    Words,
+    Events,
     #[error("{topic} has no field `{field}`: {remedy}")]
     NoField { topic: &'static str, field: String, remedy: String },
     #[error("--field {0}: name the topics that have it; words of `{EVENTS}` have no fields")]
@@ -67,7 +67,7 @@ where
     Failure::report(trouble, code)
 }
 
-/// What a launcher tells in words, where a topic is asked for.
+/// Stands for the log of the launcher, where a topic is asked for.
 const EVENTS: &str = "events";
 
 /// Topics, and perhaps a recording.
@@ -79,33 +79,33 @@ struct What {
 }
 
 impl What {
-    /// As [`What::of`], for who counts samples.
-    fn of_samples(words: &[String]) -> Result<Self, Failure> {
-        let what = Self::of(words)?;
-        if what.events { Err(refuse(Trouble::Words)) } else { Ok(what) }
+    /// As [`What::of`], for commands that count samples.
+    fn of_samples(arguments: &[String]) -> Result<Self, Failure> {
+        let what = Self::of(arguments)?;
+        if what.events { Err(refuse(Trouble::Events)) } else { Ok(what) }
     }
 
-    /// Tells names of topics from paths.
-    fn of(words: &[String]) -> Result<Self, Failure> {
+    /// Separates names of topics from paths.
+    fn of(arguments: &[String]) -> Result<Self, Failure> {
         let (mut named, mut file): (Vec<_>, Option<PathBuf>) = (Vec::new(), None);
         let mut events = false;
-        for word in words {
-            if word == EVENTS {
+        for argument in arguments {
+            if argument == EVENTS {
                 events = true;
                 continue;
             }
-            if let Some(topic) = known(word) {
+            if let Some(topic) = known(argument) {
                 if !named.iter().any(|other: &&TopicInfo| other.name == topic.name) {
                     named.push(topic);
                 }
                 continue;
             }
-            let path = named_recording(Path::new(word)).map_err(refuse)?;
-            if !path.exists() && !word.contains(['/', '.']) {
+            let path = named_recording(Path::new(argument)).map_err(refuse)?;
+            if !path.exists() && !argument.contains(['/', '.']) {
                 let names = topics::all().into_iter().map(|topic| topic.name);
                 let names = names.chain([EVENTS]);
-                let remedy = suggestion(word, names);
-                return Err(refuse(Trouble::Unknown { name: word.clone(), remedy }));
+                let remedy = suggestion(argument, names);
+                return Err(refuse(Trouble::Unknown { name: argument.clone(), remedy }));
             }
             if let Some(before) = file.replace(path.clone()) {
                 return Err(refuse(Trouble::TwoFiles(before, path)));
@@ -142,11 +142,15 @@ fn find(wanted: Option<&str>) -> Result<Run, Failure> {
 }
 
 /// Does what is asked for.
-pub(super) fn run(command: &TopicCommand, out: &mut dyn Write, said: &mut dyn Write) -> Done {
+pub(super) fn run(
+    command: &TopicCommand,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> Done {
     match command {
         TopicCommand::List(arguments) => list::run(arguments, out),
-        TopicCommand::Echo(arguments) => echo::run(arguments, out, said),
-        TopicCommand::Hz(arguments) => hz::run(arguments, out, said),
+        TopicCommand::Echo(arguments) => echo::run(arguments, out, diagnostics),
+        TopicCommand::Hz(arguments) => hz::run(arguments, out, diagnostics),
         TopicCommand::Info(arguments) => info::run(arguments, out),
         TopicCommand::Export(arguments) => export::run(arguments, out),
     }

@@ -1,6 +1,6 @@
 //! Figures as data, and their pictures as SVG, PNG or PDF.
 //!
-//! A [`Figure`] is a grid of [`Panel`]s with one legend beside it. This file and `heat.rs` say
+//! A [`Figure`] is a grid of [`Panel`]s with one legend beside it. This file and `heat.rs` define
 //! what a figure is made of; `draw.rs` alone knows the plotting crate.
 //!
 //! ```
@@ -188,7 +188,7 @@ impl Figure {
     /// The picture as PNG, twice as many points to an inch.
     ///
     /// # Errors
-    /// What the drawing crate says.
+    /// The drawing crate's error.
     pub fn to_png(&self) -> Result<Vec<u8>, String> {
         draw::png(self)
     }

@@ -28,12 +28,12 @@ pub fn us(us: f64) -> String {
 /// the 99 %; `whole` is the way from end to end. A stretch that was not measured is left empty.
 #[must_use]
 pub fn waterfall(title: &str, stretches: &[Option<Stretch>], whole: Option<&Stretch>) -> Figure {
-    let told = |stretch: &Option<Stretch>| {
-        let told = |s: &Stretch| format!("{}: {} us", s.name, us(s.p50_us));
-        stretch.as_ref().map_or_else(String::new, told)
+    let name = |stretch: &Option<Stretch>| {
+        let text = |s: &Stretch| format!("{}: {} us", s.name, us(s.p50_us));
+        stretch.as_ref().map_or_else(String::new, text)
     };
     // From bottom to top.
-    let y = Axis::new("").named(stretches.iter().rev().map(told).collect());
+    let y = Axis::new("").named(stretches.iter().rev().map(name).collect());
     let rows = stretches.len() as f64;
     // Room beyond the 99 %; what is slower still would leave nothing to see of the rest.
     let far_us = whole.map_or(1.0, |whole| 1.1 * whole.p99_us.max(1.0));

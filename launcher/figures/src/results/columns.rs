@@ -21,7 +21,7 @@ pub enum Kind {
 /// One cell.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
-    /// There is nothing to tell.
+    /// There is no value.
     Missing,
     /// Of a column of [`Kind::Whole`].
     Whole(u64),

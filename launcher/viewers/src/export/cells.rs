@@ -21,7 +21,7 @@ pub fn is_of(column: &str, field: &str) -> bool {
     rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['[', '.']))
 }
 
-/// What to say of a field that no column belongs to: where it stands in a group, or the name that it resembles.
+/// The hint for a field that no column belongs to: where it stands in a group, or the name that it resembles.
 #[must_use]
 pub fn field_remedy(columns: &[(String, Column)], field: &str) -> String {
     let inside = columns.iter().find_map(|(column, _)| {

@@ -120,8 +120,8 @@ impl Counter {
 
     fn answer(&self, address: SocketAddr, asked: &Asked) -> Answer {
         if !asked.is_for(address) {
-            let told = format!("this flight is shown at {address}, by its number");
-            return Answer::refusal(StatusCode::FORBIDDEN, told);
+            let reason = format!("this flight is shown at {address}, by its number");
+            return Answer::refusal(StatusCode::FORBIDDEN, reason);
         }
         match (&asked.method, asked.path.as_str()) {
             (&Method::GET | &Method::HEAD, "/") => {
@@ -156,8 +156,8 @@ impl Counter {
         if self.open_secret.is(shown) && asked.is_by_own_user() {
             return Answer::see_other(format!("/#token={}", self.token.as_str()));
         }
-        let told = "the system does not say that this browser is yours: open the address that the terminal shows";
-        Answer::refusal(StatusCode::FORBIDDEN, told)
+        let reason = "the system does not say that this browser is yours: open the address that the terminal shows";
+        Answer::refusal(StatusCode::FORBIDDEN, reason)
     }
 
     fn flight(&self, query: &str) -> Answer {
@@ -169,8 +169,9 @@ impl Counter {
                 self.shared.picture().since(since_s, events)
             }
             (Some((text, _)), _) => {
-                let told = format!("since_s={text}: give seconds of flight, and events= a number");
-                return Answer::refusal(StatusCode::BAD_REQUEST, told);
+                let reason =
+                    format!("since_s={text}: give seconds of flight, and events= a number");
+                return Answer::refusal(StatusCode::BAD_REQUEST, reason);
             }
         };
         let page = value(query, "page").unwrap_or_default();
@@ -178,11 +179,11 @@ impl Counter {
         Answer::json(flight.to_string())
     }
 
-    /// Why who asks may not order, if so.
+    /// Why the client may not order, if so.
     fn without_token(&self, asked: &Asked) -> Option<Answer> {
         let has_token = asked.bearer.as_ref().is_some_and(|shown| self.token.is(shown));
-        let told = "orders need the token that stands in the address as it was printed";
-        (!has_token).then(|| Answer::refusal(StatusCode::FORBIDDEN, told))
+        let reason = "orders need the token that stands in the address as it was printed";
+        (!has_token).then(|| Answer::refusal(StatusCode::FORBIDDEN, reason))
     }
 
     /// What a demo offers beyond the orders of every flight: a bad controller, and the death of a good one.
@@ -200,8 +201,8 @@ impl Counter {
             }
             Some(b"kill") => Ok(self.kill_owner()),
             _ => {
-                let told = "a demo has `bad` and `kill`";
-                return Answer::refusal(StatusCode::BAD_REQUEST, told);
+                let reason = "a demo has `bad` and `kill`";
+                return Answer::refusal(StatusCode::BAD_REQUEST, reason);
             }
         };
         match replies {
@@ -231,12 +232,13 @@ impl Counter {
         Ok(vec![reply])
     }
 
-    /// Passes an order on to the launcher and waits for its last word.
+    /// Passes an order on to the launcher and waits for its last reply.
     fn order(&self, asked: &Asked) -> Answer {
         if let Some(refusal) = self.without_token(asked) {
             return refusal;
         }
-        let bad = |told: &dyn core::fmt::Display| Answer::refusal(StatusCode::BAD_REQUEST, told);
+        let bad =
+            |reason: &dyn core::fmt::Display| Answer::refusal(StatusCode::BAD_REQUEST, reason);
         let Some(body) = &asked.body else {
             return bad(&"an order has at most 16384 bytes");
         };
@@ -268,7 +270,7 @@ impl Counter {
     }
 }
 
-/// What a query says of `key`.
+/// The value of `key` in a query.
 fn value<'a>(query: &'a str, key: &str) -> Option<&'a str> {
     query.split('&').find_map(|pair| pair.strip_prefix(key)?.strip_prefix('='))
 }

@@ -1,6 +1,6 @@
 //! A running flight, for viewers: `morphquad live`, which `run --live` starts as a process of its own.
 //!
-//! It listens to the run as `topic` does, and hands what it hears on: `viewers` over the Foxglove
+//! It listens to the run as `topic` does, and forwards what it receives: `viewers` over the Foxglove
 //! WebSocket protocol, where no client can write, and `http` to our own page, with buttons for a user
 //! who holds the token. `picture` is what the page shows, kept up to date. A viewer that reads too
 //! slowly loses samples here, and the flight knows nothing of it.
@@ -39,7 +39,7 @@ use viewers::Viewers;
 
 /// How long to wait for the next sample before looking at anything else.
 const MOMENT: Duration = Duration::from_millis(50);
-/// How often to ask the launcher who is there.
+/// How often to ask the launcher for the status of the run.
 const STATUS_EVERY: Duration = Duration::from_millis(500);
 /// How long to look for another launcher once one has gone \[ns\].
 const SUCCESSOR_LIMIT_NS: u64 = 120_000_000_000;
@@ -61,7 +61,7 @@ pub enum LiveError {
     #[error("the scenario of run {run} cannot be read: {cause}")]
     Scenario {
         run: String,
-        /// What the parser says.
+        /// The parser's error.
         cause: ScenarioError,
     },
     /// Another program has the port, or the address is not this machine's.
@@ -71,7 +71,7 @@ pub enum LiveError {
     Address {
         /// As asked for.
         address: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         cause: String,
     },
     /// Threads, sockets, chance.
@@ -79,7 +79,7 @@ pub enum LiveError {
     System {
         /// What was tried.
         action: &'static str,
-        /// What the system says.
+        /// The system's error.
         cause: std::io::Error,
     },
 }
@@ -126,7 +126,7 @@ impl core::fmt::Debug for LiveServer {
 }
 
 impl LiveServer {
-    /// Listens to `run`, and for viewers as `at` says. At most `rate_hz` samples per second of flight of each writer of
+    /// Listens to `run`, and for viewers at `at`. At most `rate_hz` samples per second of flight of each writer of
     /// a topic are sent to viewers; all if it is `None`. With `demo`, a scenario that configures a bad controller, the
     /// page has buttons for it and for a kill.
     ///
@@ -212,11 +212,11 @@ impl LiveServer {
         format!("http://{address}/#token={}", self.token.as_str())
     }
 
-    /// Hands on what it hears until the flight is over or `end` is set. It comes back if viewers make it hold more
+    /// Forwards what it receives until the flight is over or `end` is set. It comes back if viewers make it hold more
     /// memory than it may: then the process has to be replaced by one that listens in the same [`Self::place`].
     ///
     /// # Errors
-    /// The launcher says what this build does not understand.
+    /// The launcher sends what this build does not understand.
     pub fn serve(mut self, end: &AtomicBool) -> Result<Option<Self>, LiveError> {
         let mut weighed_ns = mono_now_ns();
         while !end.load(Ordering::Relaxed) {
@@ -229,8 +229,8 @@ impl LiveServer {
             match self.listening.next(MOMENT)? {
                 Word::Sample(topic, packed) => self.sample(topic, &packed),
                 Word::Told(log) => {
-                    self.viewers.told(&log);
-                    self.shared.picture().told(&log);
+                    self.viewers.log(&log);
+                    self.shared.picture().log(&log);
                 }
                 Word::Dropped(count) => self.shared.picture().dropped(count),
                 Word::Nothing => {}
@@ -291,7 +291,7 @@ impl LiveServer {
         None
     }
 
-    /// Tells the end to the viewers that are looking, and leaves.
+    /// Reports the end to the viewers that are connected, and closes.
     fn finish(mut self, ending: Ending) {
         self.shared.picture().end(ending);
         self.viewers.close();
@@ -324,7 +324,7 @@ impl TopicVisitor for HandOn<'_> {
     }
 }
 
-/// Asks the launcher now and then who is there, for the page.
+/// Asks the launcher for the status of the run now and then, for the page.
 fn watch(
     run: Run,
     shared: Arc<Shared>,
@@ -365,7 +365,7 @@ fn outward(any: IpAddr) -> Option<IpAddr> {
             IpAddr::V6(_) => std::net::Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into(),
         }
     };
-    // Who listens at all of IPv6 listens at all of IPv4, too.
+    // A socket that listens on all of IPv6 listens on all of IPv4, too.
     let families = [any, std::net::Ipv4Addr::UNSPECIFIED.into()];
     let mut own = families.into_iter().filter_map(|family| {
         let socket = UdpSocket::bind((family, 0)).ok()?;

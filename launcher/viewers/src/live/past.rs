@@ -1,4 +1,4 @@
-//! What is said once in a flight, for viewers that come later: owners, orders, seats and events.
+//! What is published once in a flight, for viewers that come later: owners, orders, seats and events.
 
 use foxglove::websocket::{ChannelView, Client, ServerListener};
 use foxglove::{PartialMetadata, RawChannel};
@@ -29,7 +29,7 @@ impl Past {
         Self { kept: kept.collect() }
     }
 
-    /// True if what is said on a topic is kept.
+    /// True if what is published on a topic is kept.
     pub(super) fn keeps(&self, topic: &str) -> bool {
         self.kept.contains_key(topic)
     }

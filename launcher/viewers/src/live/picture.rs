@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use shared_types::time::{ns_from_s, s_from_ns};
 use shared_types::{Sample, Slot, Topic};
 
-/// How much of what it has already is told again, for reports and set points come after the instant
+/// How much of what a page has already is sent again, for reports and set points come after the instant
 /// that they are about \[ns\].
 const OVERLAP_NS: u64 = 1_000_000_000;
 
@@ -92,8 +92,8 @@ impl Picture {
         collect.sample(topic, sample);
     }
 
-    /// Takes what was told, as `foxglove.Log`.
-    pub(super) fn told(&mut self, log: &[u8]) {
+    /// Takes a logged event, as `foxglove.Log`.
+    pub(super) fn log(&mut self, log: &[u8]) {
         if let Ok(event) = RecordedEvent::decode(log) {
             self.collect.event(event);
         }
@@ -229,8 +229,8 @@ mod tests {
             text: "broken",
         };
         record::encode_log(&event, 5, &mut log);
-        picture.told(&log);
-        picture.told(b"garbage");
+        picture.log(&log);
+        picture.log(b"garbage");
         assert_eq!(picture.whole()["events"].as_array().map(Vec::len), Some(1));
         let news = picture.since(0.0, 1);
         assert_eq!((&news["events_first"], &news["events"]), (&1.into(), &json!([])));
@@ -240,8 +240,8 @@ mod tests {
             (&false.into(), &"running".into())
         );
         picture.orphaned(true);
-        let told = picture.since(0.0, 1)["outcome"]["text"].to_string();
-        assert!(told.contains("lockstep") && !told.contains("adopt"), "{told}");
+        let outcome = picture.since(0.0, 1)["outcome"]["text"].to_string();
+        assert!(outcome.contains("lockstep") && !outcome.contains("adopt"), "{outcome}");
         let flying = Flying { speed: Some(1.0), ..Flying::default() };
         picture = Picture::new("x", &Scenario::load("hover", &[]).unwrap(), flying);
         picture.orphaned(true);

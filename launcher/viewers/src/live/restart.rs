@@ -25,11 +25,11 @@ impl Place {
     /// Reads what [`Display`] has written; none for any other text.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
-        let mut words = text.split(' ');
-        let run = words.next()?.to_owned();
-        let viewers = words.next()?.parse().ok()?;
-        let page = words.next()?.parse().ok()?;
-        let token = Token::known(words.next()?)?;
+        let mut parts = text.split(' ');
+        let run = parts.next()?.to_owned();
+        let viewers = parts.next()?.parse().ok()?;
+        let page = parts.next()?.parse().ok()?;
+        let token = Token::known(parts.next()?)?;
         Some(Self { run, viewers, page, token })
     }
 

@@ -1,4 +1,4 @@
-//! Foxglove, Lichtblick and whatever else speaks the Foxglove WebSocket protocol. No viewer can write.
+//! Foxglove, Lichtblick and whatever else uses the Foxglove WebSocket protocol. No viewer can write.
 
 use super::LiveError;
 use super::past::Past;
@@ -24,8 +24,8 @@ use std::time::Duration;
 /// Messages that one viewer may be behind; then it loses the oldest.
 const BACKLOG: usize = 2048;
 
-/// From one word about the flight's time to the next \[ns\]: of words a viewer may be behind as many as of
-/// messages, and then it is left.
+/// From one message with the flight's time to the next \[ns\]: a viewer may be behind by as many of these as of
+/// other messages, and is then disconnected.
 const TIME_EVERY_NS: u64 = 20_000_000;
 
 /// How long a viewer may take to leave.
@@ -46,8 +46,8 @@ pub(super) struct Viewers {
     scene: Scene,
     flying: Flying,
     thinning: Thinning,
-    /// Time of the flight that viewers were told last, and when \[ns\].
-    told_time: (u64, u64),
+    /// Time of the flight that was sent to viewers last, and when \[ns\].
+    sent_time: (u64, u64),
     buffer: Vec<u8>,
 }
 
@@ -76,7 +76,7 @@ impl Viewers {
         let log = Schema::new(name, "protobuf", set.encode_to_vec());
         let events = ChannelBuilder::new("/events").message_encoding("protobuf").schema(log);
         let events = events.context(&context).build_raw().map_err(failed)?;
-        let seldom = topics::all().into_iter().filter(|topic| is_said_once(topic));
+        let seldom = topics::all().into_iter().filter(|topic| is_published_once(topic));
         let seldom = seldom.filter_map(|topic| channels.get(topic.name)).chain([&events]).cloned();
         let past = Arc::new(Past::of(seldom));
         let name = &scenario.settings().scenario.name;
@@ -102,7 +102,7 @@ impl Viewers {
             scene: Scene::of(&scenario.real_vehicle()),
             flying,
             thinning: Thinning::to(rate_hz),
-            told_time: (0, 0),
+            sent_time: (0, 0),
             buffer: Vec::new(),
         })
     }
@@ -116,7 +116,7 @@ impl Viewers {
         let header = sample.header();
         let unix_ns = self.flying.unix_ns(header.release_ns);
         let stamp = PartialMetadata::with_log_time(unix_ns);
-        self.tell_time(unix_ns);
+        self.send_time(unix_ns);
         // Always, for the trails behind vehicle and reference grow whether or not a viewer looks.
         for (index, message) in self.scene.observe(sample, unix_ns) {
             if let Some(channel) = self.derived.get(index) {
@@ -136,29 +136,29 @@ impl Viewers {
     }
 
     /// Without it viewers go by their own clocks and by when a sample reaches them.
-    fn tell_time(&mut self, unix_ns: u64) {
-        let ((told_ns, at_ns), now_ns) = (self.told_time, mono_now_ns());
-        if unix_ns > told_ns && now_ns >= at_ns + TIME_EVERY_NS {
-            self.told_time = (unix_ns, now_ns);
+    fn send_time(&mut self, unix_ns: u64) {
+        let ((sent_ns, at_ns), now_ns) = (self.sent_time, mono_now_ns());
+        if unix_ns > sent_ns && now_ns >= at_ns + TIME_EVERY_NS {
+            self.sent_time = (unix_ns, now_ns);
             if let Some(server) = &self.server {
                 server.broadcast_time(unix_ns);
             }
         }
     }
 
-    /// Sends something that was told.
-    pub(super) fn told(&mut self, log: &[u8]) {
+    /// Sends a logged event.
+    pub(super) fn log(&mut self, log: &[u8]) {
         let stamp_ns = record::decode_log(log).map_or(0, |(stamp_ns, ..)| stamp_ns);
         self.events.log_with_meta(log, PartialMetadata::with_log_time(stamp_ns));
         self.past.keep(self.events.topic(), stamp_ns, log);
     }
 
-    /// True once it has said goodbye.
+    /// True once it has closed.
     pub(super) fn is_closed(&self) -> bool {
         self.server.is_none()
     }
 
-    /// Says goodbye to all viewers; one that has stopped reading is not waited for.
+    /// Disconnects all viewers; one that has stopped reading is not waited for.
     pub(super) fn close(&mut self) {
         let Some(server) = self.server.take() else { return };
         let (done, is_done) = channel();
@@ -174,8 +174,8 @@ impl Viewers {
     }
 }
 
-/// Who commands, what was ordered, who sits where: a viewer that comes later is told.
-fn is_said_once(topic: &TopicInfo) -> bool {
+/// Owners, orders and seats: a viewer that comes later gets them, too.
+fn is_published_once(topic: &TopicInfo) -> bool {
     topic.from == Role::Supervisor
         && topic.name != topics::LOOP_STATS.info.name
         && topic.name != topics::DEVIATION.info.name

@@ -1,7 +1,7 @@
 //! What a recording is worth: one sentence, every number with its gate and the command that gives it again,
 //! and pictures.
 //!
-//! Numbers come from the samples in the file, not from what the flight said of itself: `observe.rs` goes
+//! Numbers come from the samples in the file, not from the flight's own summary: `observe.rs` goes
 //! through them, `numbers.rs` puts them beside the limits of the verdict, `response.rs` looks at what
 //! followed each disturbance, swap and fault, `orders.rs` at what became of each order (of a move of the
 //! reference by `pursuits.rs`), `pictures.rs` draws, `told.rs` writes it down.
@@ -30,7 +30,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
-/// Everything that is told of one recording.
+/// Everything that is reported of one recording.
 #[derive(Debug)]
 pub struct Report {
     /// The file, as it was named.
@@ -39,7 +39,7 @@ pub struct Report {
     pub scenario: String,
     /// The verdict, and why: the line that every output about this flight begins with.
     pub line: String,
-    /// Everything that the summary of a flight tells too, under the same keys.
+    /// Everything that the summary of a flight has too, under the same keys.
     measured: Map<String, Value>,
     /// The same for machines, with every reason and limit.
     pub verdict: Verdict,
@@ -47,13 +47,13 @@ pub struct Report {
     pub lacks: String,
     /// The command that flies it again.
     pub again: String,
-    /// Every number, in the order told.
+    /// Every number, in the order shown.
     pub numbers: Vec<Number>,
     /// What followed what.
     pub responses: Vec<Response>,
     /// What was ordered, and what came of it.
     pub orders: Vec<Ordered>,
-    /// Changes of who commands, as the flight told them.
+    /// Changes of a slot's owner, as the flight recorded them.
     pub swaps: Value,
     /// Samples by topic and seat.
     pub audit: Vec<AuditRow>,
@@ -153,7 +153,7 @@ impl Report {
     }
 }
 
-/// What an incomplete file does not tell.
+/// What an incomplete file lacks.
 fn lacks(gathered: &Gathered) -> String {
     let why = gathered.closing.to_string();
     if why.is_empty() {

@@ -22,7 +22,7 @@ pub struct Number {
     pub name: &'static str,
     /// With its unit.
     pub value: String,
-    /// What it must be; empty if it is only told.
+    /// What it must be; empty if it is only reported.
     pub gate: String,
     /// Whether it is.
     pub holds: Option<bool>,
@@ -55,7 +55,7 @@ impl Numbers<'_> {
         self.all.push(Number { section, key, name, value, gate, holds, command });
     }
 
-    fn tell(&mut self, names: (&'static str, &'static str), value: String) {
+    fn report(&mut self, names: (&'static str, &'static str), value: String) {
         self.add(names, value, None);
     }
 
@@ -63,12 +63,12 @@ impl Numbers<'_> {
     fn facts(&mut self, part: Part) {
         for (fact, value) in self.observed.facts.iter().filter(|(fact, _)| fact.part == part) {
             let gate = fact.check.and_then(|key| self.gate(key));
-            self.add((fact.key, fact.name), self.in_words(fact, value), gate);
+            self.add((fact.key, fact.name), self.describe(fact, value), gate);
         }
     }
 
-    /// A fact for people, with when or where it was so as its check says.
-    fn in_words(&self, fact: &Fact, value: f64) -> String {
+    /// A fact as text, with when or where it was so from its check.
+    fn describe(&self, fact: &Fact, value: f64) -> String {
         let check = CHECKS.iter().find(|check| Some(check.key) == fact.check && value > 0.0);
         let detail = check.map(|check| (check.detail)(&self.observed.outcome));
         fact.told(value) + &detail.unwrap_or_default()
@@ -89,7 +89,7 @@ impl Numbers<'_> {
     }
 }
 
-/// All of them, in the order told.
+/// All of them, in the order shown.
 pub(super) fn numbers(
     flight: &RecordedFlight,
     gathered: &Gathered,
@@ -144,9 +144,9 @@ fn of_flight(
     numbers: &mut Numbers<'_>,
 ) {
     let metrics = &observed.metrics;
-    numbers.tell(("ended", "ended"), observe::told_end(&observed.outcome.end));
+    numbers.report(("ended", "ended"), observe::told_end(&observed.outcome.end));
     let planned_s = flight.scenario().duration_ns() as f64 * 1e-9;
-    numbers.tell(("planned_s", "planned"), format!("{planned_s:.3} s"));
+    numbers.report(("planned_s", "planned"), format!("{planned_s:.3} s"));
     numbers.facts(Part::Flight);
     for (axis, response) in
         ["roll", "pitch", "yaw"].iter().zip(metrics.step_response().into_iter().flatten())
@@ -161,10 +161,10 @@ fn of_flight(
             "pitch" => ("pitch_step", "step of the pitch"),
             _ => ("yaw_step", "step of the yaw"),
         };
-        numbers.tell(names, value);
+        numbers.report(names, value);
     }
     let wind = gathered.uses.wind_max_m_s;
-    numbers.tell(("wind_max_m_s", "strongest wind"), format!("{wind:.2} m/s"));
+    numbers.report(("wind_max_m_s", "strongest wind"), format!("{wind:.2} m/s"));
 }
 
 fn of_constraints(gathered: &Gathered, observed: &Observed, numbers: &mut Numbers<'_>) {
@@ -172,7 +172,7 @@ fn of_constraints(gathered: &Gathered, observed: &Observed, numbers: &mut Number
     // Below the tolerance it is rounding.
     let worst = observed.metrics.effort().worst_violation.max(0.0);
     let names = ("worst_violation", "furthest outside a bound, rounding included");
-    numbers.tell(names, format!("{worst:.1e}"));
+    numbers.report(names, format!("{worst:.1e}"));
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     let uses = &gathered.uses;
     let names = [
@@ -181,7 +181,7 @@ fn of_constraints(gathered: &Gathered, observed: &Observed, numbers: &mut Number
         ("torque_use_yaw", "most of the bound on the torque used, yaw"),
     ];
     for (names, share) in names.into_iter().zip(uses.torque) {
-        numbers.tell(names, percent(share));
+        numbers.report(names, percent(share));
     }
     let names = [
         ("increment_use_roll", "most of the bound on its increment, roll"),
@@ -189,33 +189,33 @@ fn of_constraints(gathered: &Gathered, observed: &Observed, numbers: &mut Number
         ("increment_use_yaw", "most of the bound on its increment, yaw"),
     ];
     for (names, share) in names.into_iter().zip(uses.increment) {
-        numbers.tell(names, percent(share));
+        numbers.report(names, percent(share));
     }
-    numbers.tell(("thrust_use", "most of the bound on the thrust used"), percent(uses.thrust));
-    numbers.tell(("tilt_use", "most of the bound on the tilt used"), percent(uses.tilt));
-    numbers.tell(("rotor_use", "most of a rotor's largest thrust used"), percent(uses.rotor));
+    numbers.report(("thrust_use", "most of the bound on the thrust used"), percent(uses.thrust));
+    numbers.report(("tilt_use", "most of the bound on the tilt used"), percent(uses.tilt));
+    numbers.report(("rotor_use", "most of a rotor's largest thrust used"), percent(uses.rotor));
 }
 
 fn of_latency(latency: &trace::Report, numbers: &mut Numbers<'_>) {
     let value = format!("{} of {}", latency.traced, latency.commands);
-    numbers.tell(("traced", "commands traced to their sensor"), value);
+    numbers.report(("traced", "commands traced to their sensor"), value);
     let place = trace::SEGMENTS.iter().position(|s| s.key == "sensor_to_command");
     if let Some(figures) = place.and_then(|place| latency.segments.get(place)) {
         let us = |ns: u64| format!("{} µs", figures::figure::us(ns as f64 * 1e-3));
-        numbers.tell(("latency_p50", "sensor due to command sent, median"), us(figures.p50_ns));
-        numbers.tell(("latency_p99", "sensor due to command sent, 99 %"), us(figures.p99_ns));
-        numbers.tell(("latency_p999", "sensor due to command sent, 99.9 %"), us(figures.p999_ns));
-        numbers.tell(("latency_max", "sensor due to command sent, slowest"), us(figures.max_ns));
+        numbers.report(("latency_p50", "sensor due to command sent, median"), us(figures.p50_ns));
+        numbers.report(("latency_p99", "sensor due to command sent, 99 %"), us(figures.p99_ns));
+        numbers.report(("latency_p999", "sensor due to command sent, 99.9 %"), us(figures.p999_ns));
+        numbers.report(("latency_max", "sensor due to command sent, slowest"), us(figures.max_ns));
     }
     let age = latency.age.max_ns as f64 * 1e-6;
-    numbers.tell(
+    numbers.report(
         ("age_max", "oldest sensor sample behind a command, in logical time"),
         format!("{age:.3} ms"),
     );
 }
 
 fn of_recording(gathered: &Gathered, observed: &Observed, numbers: &mut Numbers<'_>) {
-    numbers.tell(("samples", "samples in the file"), observed.samples().to_string());
+    numbers.report(("samples", "samples in the file"), observed.samples().to_string());
     let stored = |key: &str| kept_hash(&gathered.closing.summary, key);
     for (names, key, hash) in [
         (("hash", "flight hash"), "hash", &observed.flight_hash),

@@ -13,13 +13,13 @@ use shared_types::{Sample, Topic, Truth, topics};
 use std::any::Any;
 use std::collections::BTreeMap;
 
-/// What the samples say.
+/// What follows from the samples.
 #[derive(Debug)]
 pub(crate) struct Observed {
     pub(super) metrics: Metrics,
     /// What it is judged by.
     pub(super) outcome: Outcome,
-    /// What is told of it.
+    /// What is reported of it.
     pub(super) facts: Facts,
     verdict: Verdict,
     pub(super) flight_hash: String,
@@ -86,7 +86,7 @@ impl Observed {
         Ok(Self { metrics, outcome, facts, verdict, flight_hash, log_hash, pursuits, audit })
     }
 
-    /// What is to be said of the flight: the words that it had for itself, if it was recorded to its end.
+    /// The verdict on the flight: the one that its own summary has, if it was recorded to its end.
     pub(crate) fn verdict(&self) -> &Verdict {
         &self.verdict
     }
@@ -115,7 +115,7 @@ impl Observed {
         self.audit.samples()
     }
 
-    /// What the summary of a flight tells too, as numbers.
+    /// What the summary of a flight has too, as numbers.
     pub(super) fn measured(&self) -> Map<String, Value> {
         let mut measured = self.facts.to_json();
         measured.insert("hash".to_owned(), self.flight_hash.clone().into());
@@ -124,31 +124,31 @@ impl Observed {
         measured
     }
 
-    /// What a summary would say of these samples, under the same names.
+    /// What a summary of these samples would have, under the same names.
     pub(crate) fn summary(&self) -> BTreeMap<String, String> {
         let facts = self.facts.iter().map(|(fact, value)| (fact.key.to_owned(), fact.text(value)));
         facts.chain([("hash".to_owned(), self.flight_hash.clone())]).collect()
     }
 }
 
-/// How a flight ended whose recording ends like this, with the vehicle at `until_ns`.
+/// How a flight ended if its recording ends like this, with the vehicle at `until_ns`.
 fn ending(closing: &Closing, until_ns: u64) -> ::observe::Closing {
     let unrecorded = closing.has_holes().then(|| format!("the file has holes, {closing}"));
     let (end, flown_ns) = if closing.summary.is_empty() {
         let until_s = until_ns as f64 * 1e-9;
         (End::Cut(format!("the file ends at {until_s:.3} s, {closing}")), until_ns)
     } else {
-        let told = |key: &str| closing.summary.get(key);
+        let entry = |key: &str| closing.summary.get(key);
         let end =
-            told(ENDED).map_or_else(|| before_there_were_verdicts(closing), |text| read_end(text));
-        let flown_ns = told(FLOWN_NS).and_then(|text| text.parse().ok());
+            entry(ENDED).map_or_else(|| before_there_were_verdicts(closing), |text| read_end(text));
+        let flown_ns = entry(FLOWN_NS).and_then(|text| text.parse().ok());
         (end, flown_ns.unwrap_or(until_ns))
     };
     let is_cut = !closing.complete;
     ::observe::Closing { end, flown_ns, unrecorded, is_cut, ..::observe::Closing::default() }
 }
 
-/// The end of a flight whose summary has only the outcome in words.
+/// The end of a flight if its summary has only the outcome as text.
 fn before_there_were_verdicts(closing: &Closing) -> End {
     let outcome = closing.summary.get("outcome").map_or("", String::as_str);
     match outcome.strip_prefix("lost: ") {

@@ -9,11 +9,11 @@ use serde::Serialize;
 /// One order.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ordered {
-    /// When it was given, if the flight tells \[s\].
+    /// When it was given, if the flight recorded it \[s\].
     pub asked_s: Option<f64>,
     /// From when on it shows \[s\].
     pub begins_s: f64,
-    /// In words.
+    /// As text.
     pub order: String,
     /// When the vehicle was to be there, or the disturbance over \[s\].
     pub planned_s: Option<f64>,
@@ -22,10 +22,10 @@ pub struct Ordered {
 }
 
 /// True if what happened is what was ordered: of orders that begin together each has its own end.
-fn is_of(told: &OrderReport, happening: &str) -> bool {
+fn is_of(report: &OrderReport, happening: &str) -> bool {
     let kinds = [("go to", "goto"), ("heading", "goto"), ("deployable", "morph")];
     let kind = kinds.into_iter().find(|(happened, _)| happening.starts_with(happened));
-    told.order.starts_with(kind.map_or("disturb", |(_, ordered)| ordered))
+    report.order.starts_with(kind.map_or("disturb", |(_, ordered)| ordered))
 }
 
 /// Everything that was ordered, in the order in which it began.
@@ -34,14 +34,14 @@ pub(super) fn ordered(
     pursuits: &Pursuits,
     responses: &[Response],
 ) -> Vec<Ordered> {
-    let told = gathered.closing.summary.get("orders");
-    let told: Vec<OrderReport> =
-        told.and_then(|told| serde_json::from_str(told).ok()).unwrap_or_default();
+    let reports = gathered.closing.summary.get("orders");
+    let reports: Vec<OrderReport> =
+        reports.and_then(|text| serde_json::from_str(text).ok()).unwrap_or_default();
     let orders = gathered.happenings.iter().filter(|happening| happening.kind == Kind::Order);
     let orders = orders.map(|happening| {
         let begins_s = happening.at_s;
-        let together = told.iter().filter(|told| (told.begins_s - begins_s).abs() < SAME_S);
-        let told = together.into_iter().find(|told| is_of(told, &happening.text));
+        let together = reports.iter().filter(|report| (report.begins_s - begins_s).abs() < SAME_S);
+        let report = together.into_iter().find(|report| is_of(report, &happening.text));
         let response = || {
             responses
                 .iter()
@@ -50,10 +50,10 @@ pub(super) fn ordered(
         let came = pursuits.came(begins_s, &happening.text);
         let came = came.or_else(|| response().map(disturbed));
         Ordered {
-            asked_s: told.map(|told| told.at_s),
+            asked_s: report.map(|report| report.at_s),
             begins_s,
             order: happening.text.clone(),
-            planned_s: told.and_then(|told| told.done_s),
+            planned_s: report.and_then(|report| report.done_s),
             came: came.unwrap_or_else(|| "the file ends before it".to_owned()),
         }
     });

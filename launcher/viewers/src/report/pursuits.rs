@@ -39,7 +39,7 @@ impl Goal {
         }
     }
 
-    fn words(&self, off: f64) -> String {
+    fn text(&self, off: f64) -> String {
         match self {
             Self::Position(_) => format!("{:.1} mm", off * THERE_M * 1e3),
             Self::Yaw(_) | Self::Morph(_) => format!("{:.2}°", (off * THERE_RAD).to_degrees()),
@@ -85,11 +85,11 @@ impl Pursuit {
                 None => "the file ends before it".to_owned(),
             };
         };
-        let (off, last_s) = (self.goal.words(off), last_ns as f64 * 1e-9);
+        let (off, last_s) = (self.goal.text(off), last_ns as f64 * 1e-9);
         match self.there_ns {
             Some(there_ns) => format!(
                 "within {} from {:.3} s on; {off} off at {last_s:.3} s{}",
-                self.goal.words(1.0),
+                self.goal.text(1.0),
                 there_ns as f64 * 1e-9,
                 if self.since_ns == self.there_ns { "" } else { ", driven away meanwhile" }
             ),
@@ -153,12 +153,12 @@ impl Pursuits {
     pub(super) fn came(&self, begins_s: f64, text: &str) -> Option<String> {
         let mut all = self.past.iter().chain(&self.now);
         let found = all.find(|one| {
-            let told = match one.goal {
+            let prefix = match one.goal {
                 Goal::Position(_) => "go to",
                 Goal::Yaw(_) => "heading",
                 Goal::Morph(_) => "deployable",
             };
-            (one.begin_ns as f64 * 1e-9 - begins_s).abs() < SAME_S && text.starts_with(told)
+            (one.begin_ns as f64 * 1e-9 - begins_s).abs() < SAME_S && text.starts_with(prefix)
         });
         found.map(Pursuit::came)
     }

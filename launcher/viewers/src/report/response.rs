@@ -6,7 +6,7 @@ use serde::Serialize;
 /// How long before and after is looked at \[s\].
 const BEFORE_S: f64 = 1.0;
 const AFTER_S: f64 = 2.0;
-/// Things told of; a storm of faults is told by its beginning, and hides nothing else.
+/// Most faults that are reported, so that a storm of them does not hide everything else.
 const MAX_FAULTS: usize = 40;
 
 /// The error around one instant. Of a flight on a path it is that of the position, of a rig that of the

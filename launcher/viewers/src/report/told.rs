@@ -1,4 +1,4 @@
-//! A report in words: for the terminal, and as a page.
+//! A report as text: for the terminal, and as a page.
 
 use super::{AuditRow, Number, Ordered, Report, Response, pictures};
 use ::verdict::Grade;
@@ -6,7 +6,7 @@ use core::fmt;
 use figures::results::{Document, Table, capital};
 use serde_json::Value;
 
-/// Sections, in the order told.
+/// Sections, in the order shown.
 const SECTIONS: [&str; 5] = ["flight", "constraints", "timing", "latency", "recording"];
 
 impl Report {
@@ -46,12 +46,12 @@ impl Report {
 
     fn orders(&self) -> Table {
         let mut table = Table::new(["asked s", "from s", "plan s", "order", "what came of it"]);
-        let told = |s: &Option<f64>| s.map_or("-".to_owned(), |s| format!("{s:.3}"));
+        let seconds = |s: &Option<f64>| s.map_or("-".to_owned(), |s| format!("{s:.3}"));
         for Ordered { asked_s, begins_s, order, planned_s, came } in &self.orders {
             table.push([
-                told(asked_s),
+                seconds(asked_s),
                 format!("{begins_s:.3}"),
-                told(planned_s),
+                seconds(planned_s),
                 order.clone(),
                 came.clone(),
             ]);
@@ -63,20 +63,20 @@ impl Report {
         let mut table =
             Table::new(["slot", "from", "to", "asked s", "flip s", "rms %", "bump %", "outcome"]);
         for swap in self.swaps.as_array().into_iter().flatten() {
-            let word = |key: &str| swap[key].as_str().unwrap_or("-").to_owned();
+            let text = |key: &str| swap[key].as_str().unwrap_or("-").to_owned();
             let number = |key: &str, scale: f64| {
                 let number = swap[key].as_f64();
                 number.map_or("-".to_owned(), |number| format!("{:.4}", number * scale))
             };
             table.push([
-                word("slot"),
-                word("from"),
-                word("to"),
+                text("slot"),
+                text("from"),
+                text("to"),
                 number("requested_s", 1.0),
                 number("flipped_s", 1.0),
                 number("rms", 100.0),
                 number("bump", 100.0),
-                word("outcome"),
+                text("outcome"),
             ]);
         }
         table
@@ -173,18 +173,18 @@ impl Folder {
         let Self { reports, unread, .. } = self;
         let passed = reports.iter().filter(|report| report.passes()).count();
         let is_good = passed == reports.len() && unread.is_empty();
-        let word = if is_good { Grade::Passed } else { Grade::Failed };
+        let grade = if is_good { Grade::Passed } else { Grade::Failed };
         let failed = reports.iter().filter(|report| !report.passes());
         let failed: Vec<_> = failed.map(|report| report.file.as_str()).collect();
         let text = match &failed[..] {
-            [] => format!("{word}  {passed} of {} flights pass", reports.len()),
+            [] => format!("{grade}  {passed} of {} flights pass", reports.len()),
             [first, rest @ ..] => {
                 let more = if rest.is_empty() {
                     String::new()
                 } else {
                     format!(" and {} more", rest.len())
                 };
-                format!("{word}  {passed} of {} flights pass, not {first}{more}", reports.len())
+                format!("{grade}  {passed} of {} flights pass, not {first}{more}", reports.len())
             }
         };
         match unread.len() {

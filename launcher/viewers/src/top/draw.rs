@@ -49,7 +49,7 @@ impl Palette {
         if self.colours { Style::new().fg(colour) } else { Style::new() }
     }
 
-    /// Told apart by word too, and by those who see no red or green.
+    /// Colours that differ also for those who see no red or green; the text shows the state, too.
     fn state(self, state: ProcessState) -> Style {
         match state {
             ProcessState::Owner => self.style(Color::Cyan),
@@ -82,9 +82,9 @@ pub fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot, talk: &Talk, palette: Pa
     frame.render_widget(Paragraph::new(slot_lines), slots);
     let room = usize::from(talked.height);
     let kept = talk.lines.len().saturating_sub(room);
-    let said: Vec<Line<'_>> =
+    let newest: Vec<Line<'_>> =
         talk.lines[kept..].iter().map(|line| Line::from(cut(line, talked.width.into()))).collect();
-    frame.render_widget(Paragraph::new(said), talked);
+    frame.render_widget(Paragraph::new(newest), talked);
     let last = match &talk.typing {
         Some(typed) => Line::from(vec![
             Span::styled("> ", Style::new().add_modifier(Modifier::BOLD)),

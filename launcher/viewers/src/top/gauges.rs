@@ -64,7 +64,7 @@ struct Step {
     input_age_ns: Option<u64>,
 }
 
-/// Everything that has been heard.
+/// Everything that has been received.
 #[derive(Debug, Default)]
 pub struct Gauges {
     steps: BTreeMap<(Role, u32), VecDeque<Step>>,
@@ -102,7 +102,7 @@ impl Gauges {
             .flatten()
             .map(|at| self.imu[at].1);
         let steps = self.steps.entry((role, header.seat)).or_default();
-        // A restarted loop says its last step again.
+        // A restarted loop publishes its last step again.
         if steps.back().is_some_and(|last| last.release_ns >= header.release_ns) {
             return;
         }
@@ -118,7 +118,7 @@ impl Gauges {
         }
     }
 
-    /// What there is to say about a loop.
+    /// The figures of a loop.
     #[must_use]
     pub fn of(&self, role: Role, seat: u32) -> Gauge {
         let totals = self.totals.get(&(role, seat)).copied().unwrap_or_default();

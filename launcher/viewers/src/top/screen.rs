@@ -26,31 +26,31 @@ const FRAME: Duration = Duration::from_millis(250);
 /// Lines of answers that are kept.
 const KEPT: usize = 100;
 
-/// Listens on a thread of its own.
+/// Receives samples of a run on a thread of its own.
 #[derive(Debug)]
-pub struct Ear {
-    heard: Arc<Mutex<(Gauges, u64)>>,
+pub struct GaugeReader {
+    received: Arc<Mutex<(Gauges, u64)>>,
     leave: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Ear {
-    /// Listens to a run until dropped, or until it is over.
+impl GaugeReader {
+    /// Receives the samples of a run until dropped, or until it is over.
     ///
     /// # Errors
     /// The run lets no client listen.
     pub fn open(run: &Run) -> Result<Self, ListenError> {
         let mut listening = Listening::to(run, &wanted(), false)?;
-        let heard = Arc::<Mutex<(Gauges, u64)>>::default();
+        let received = Arc::<Mutex<(Gauges, u64)>>::default();
         let leave = Arc::<AtomicBool>::default();
-        let (into, leaves) = (Arc::clone(&heard), Arc::clone(&leave));
+        let (into, leaves) = (Arc::clone(&received), Arc::clone(&leave));
         let thread = Builder::new().spawn(move || {
             while !leaves.load(Ordering::Relaxed) {
-                let word = listening.next(Duration::from_millis(100));
-                let mut heard = into.lock().unwrap_or_else(PoisonError::into_inner);
-                match word {
-                    Ok(Word::Sample(topic, packed)) => heard.0.take(topic, &packed),
-                    Ok(Word::Dropped(count)) => heard.1 += count,
+                let message = listening.next(Duration::from_millis(100));
+                let mut received = into.lock().unwrap_or_else(PoisonError::into_inner);
+                match message {
+                    Ok(Word::Sample(topic, packed)) => received.0.take(topic, &packed),
+                    Ok(Word::Dropped(count)) => received.1 += count,
                     Ok(Word::Nothing | Word::Told(_) | Word::Ended(_)) => {}
                     Ok(Word::Over) | Err(_) => return,
                 }
@@ -58,18 +58,18 @@ impl Ear {
         });
         let thread =
             thread.map_err(|source| ListenError::Closed { run: run.id().to_owned(), source })?;
-        Ok(Self { heard, leave, thread: Some(thread) })
+        Ok(Self { received, leave, thread: Some(thread) })
     }
 
     /// What is known now.
     #[must_use]
     pub fn snapshot(&self, status: RunStatus, usage: &mut Usage, now_s: f64) -> Snapshot {
-        let heard = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
-        Snapshot::of(status, &heard.0, usage, now_s, heard.1)
+        let received = self.received.lock().unwrap_or_else(PoisonError::into_inner);
+        Snapshot::of(status, &received.0, usage, now_s, received.1)
     }
 }
 
-impl Drop for Ear {
+impl Drop for GaugeReader {
     fn drop(&mut self) {
         self.leave.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
@@ -99,13 +99,13 @@ const ORDERS: [&str; 7] = ["swap", "rollback", "standby", "retire", "goto", "mor
 ///
 /// # Errors
 /// The terminal.
-pub fn show(run: &Run, ear: &Ear, first: RunStatus, execute: Execute) -> io::Result<()> {
+pub fn show(run: &Run, reader: &GaugeReader, first: RunStatus, execute: Execute) -> io::Result<()> {
     let end = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&end))?;
     }
     let mut terminal = ratatui::try_init()?;
-    let shown = Screen::new(run, ear, first, execute).run(&mut terminal, &end);
+    let shown = Screen::new(run, reader, first, execute).run(&mut terminal, &end);
     ratatui::restore();
     shown
 }
@@ -127,7 +127,7 @@ fn await_key(keyboard: &File, limit: Duration) -> io::Result<bool> {
 
 struct Screen<'a> {
     run: &'a Run,
-    ear: &'a Ear,
+    reader: &'a GaugeReader,
     status: RunStatus,
     usage: Usage,
     begin_ns: u64,
@@ -138,10 +138,10 @@ struct Screen<'a> {
 }
 
 impl<'a> Screen<'a> {
-    fn new(run: &'a Run, ear: &'a Ear, status: RunStatus, execute: Execute) -> Self {
+    fn new(run: &'a Run, reader: &'a GaugeReader, status: RunStatus, execute: Execute) -> Self {
         Self {
             run,
-            ear,
+            reader,
             status,
             usage: Usage::default(),
             begin_ns: mono_now_ns(),
@@ -190,7 +190,7 @@ impl<'a> Screen<'a> {
             Err(_) => self.talk.over = true,
         }
         let now_s = mono_now_ns().saturating_sub(self.begin_ns) as f64 / 1e9;
-        self.ear.snapshot(self.status.clone(), &mut self.usage, now_s)
+        self.reader.snapshot(self.status.clone(), &mut self.usage, now_s)
     }
 
     /// False if it is to end.
@@ -228,20 +228,20 @@ impl<'a> Screen<'a> {
     }
 
     fn order(&mut self, typed: &str) {
-        let mut words: Vec<String> = typed.split_whitespace().map(str::to_owned).collect();
-        let Some(command) = words.first().cloned() else { return };
+        let mut arguments: Vec<String> = typed.split_whitespace().map(str::to_owned).collect();
+        let Some(command) = arguments.first().cloned() else { return };
         if !ORDERS.contains(&command.as_str()) {
             self.talk.lines.push(format!("{command}: not from here; {}", ORDERS.join(", ")));
             return;
         }
         self.talk.lines.push(format!("> {typed}"));
         self.talk.last = Some(typed.to_owned());
-        words.insert(0, "morphquad".to_owned());
-        words.extend(["--run".to_owned(), self.run.id().to_owned()]);
+        arguments.insert(0, "morphquad".to_owned());
+        arguments.extend(["--run".to_owned(), self.run.id().to_owned()]);
         let (answer, execute) = (self.answers.0.clone(), self.execute);
-        // A swap takes seconds; what it says comes when it is over.
+        // A swap takes seconds; its output comes when it is over.
         let begun = Builder::new().spawn(move || {
-            let _ = answer.send(execute(words));
+            let _ = answer.send(execute(arguments));
         });
         if let Err(error) = begun {
             self.talk.lines.push(format!("cannot be done: {error}"));

@@ -1,4 +1,4 @@
-//! A run at an instant: what its launcher says beside what its loops do.
+//! A run at an instant: what its launcher reports beside what its loops do.
 
 use super::gauges::{Gauge, Gauges};
 use protocol::control::load::Load;
@@ -38,7 +38,7 @@ pub struct Row {
 /// Everything on the screen.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Snapshot {
-    /// What the launcher says.
+    /// What the launcher reports.
     #[serde(skip)]
     pub status: RunStatus,
     /// Every loop, in data-flow order.

@@ -106,12 +106,12 @@ fn everything_is_on_80_by_24_even_where_all_numbers_are_wide() {
     assert!(lines[1].ends_with("] 12.0 of 20.0 s"), "{text}");
     let heading = lines.iter().position(|line| line.starts_with("LOOP")).expect("a table");
     for (row, line) in snapshot().loops.iter().zip(&lines[heading + 1..]) {
-        let words: Vec<&str> = line.split_whitespace().collect();
+        let cells: Vec<&str> = line.split_whitespace().collect();
         assert!(line.len() <= 79, "{line}");
-        assert_eq!(words.len(), 12, "no two cells touch: {line}");
-        assert!(words[0].starts_with(&row.name[..10.min(row.name.len())]), "{line}");
-        assert_eq!(words[1], row.state.label());
-        assert_eq!(words[4..], ["1000", "12.3u", "1234u", "123m", "12k", "123", "99.9", "1234"]);
+        assert_eq!(cells.len(), 12, "no two cells touch: {line}");
+        assert!(cells[0].starts_with(&row.name[..10.min(row.name.len())]), "{line}");
+        assert_eq!(cells[1], row.state.label());
+        assert_eq!(cells[4..], ["1000", "12.3u", "1234u", "123m", "12k", "123", "99.9", "1234"]);
     }
     assert!(text.contains("attitude  epoch 3    owner attitude-lqr"), "{text}");
     assert!(text.contains("goto 0 0 2 m: from 12.3 s on"), "{text}");

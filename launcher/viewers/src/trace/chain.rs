@@ -46,11 +46,11 @@ pub enum Broken {
     #[error("descends from imu {0}, which is not in the file")]
     ImuMissing(u64),
     /// Command and estimate disagree.
-    #[error("says that it descends from imu {said}; its state_estimate descends from imu {is}")]
+    #[error("says that it descends from imu {stated}; its state_estimate descends from imu {is}")]
     Contradiction {
-        /// By the command.
-        said: u64,
-        /// By the estimate.
+        /// The cause that the command states.
+        stated: u64,
+        /// The cause of its estimate.
         is: u64,
     },
     /// Host stamps that no order of events explains.
@@ -78,8 +78,8 @@ impl Links {
         let missing = Broken::EstimateMissing(user.input_sequence);
         let estimate = self.estimate(user).ok_or(missing)?;
         if estimate.cause_sequence != user.cause_sequence {
-            let (said, is) = (user.cause_sequence, estimate.cause_sequence);
-            return Err(Broken::Contradiction { said, is });
+            let (stated, is) = (user.cause_sequence, estimate.cause_sequence);
+            return Err(Broken::Contradiction { stated, is });
         }
         if estimate.cause_sequence == 0 {
             return Err(Broken::NoImu(estimate.sequence));

@@ -133,7 +133,7 @@ impl Links {
         same.rfind(|setpoint| was_there(setpoint, command))
     }
 
-    /// The first tick of the plant that says that the command was in effect.
+    /// The first tick of the plant that reports the command as in effect.
     pub(super) fn tick(&self, command: &Header) -> Option<&Header> {
         let key = (command.seat, command.sequence);
         let mut same = of_key(&self.ticks, &key, |t| (t.seat, t.sequence)).map(|tick| &tick.header);

@@ -2,7 +2,7 @@
 //! between them went.
 //!
 //! Headers name what a step went by (`input_sequence`, `cause_sequence`) and when; `links.rs` looks them
-//! up, `chain.rs` follows one command, `segment.rs` says which spans a chain has, `report.rs` sums up.
+//! up, `chain.rs` follows one command, `segment.rs` defines the spans of a chain, `report.rs` sums up.
 
 mod chain;
 mod links;

@@ -6,9 +6,9 @@ use hdrhistogram::Histogram;
 use serde_json::{Value, json};
 use shared_types::Header;
 
-/// Chains told one by one as the slowest.
+/// The slowest chains, which are listed one by one.
 const SLOWEST: usize = 5;
-/// Commands without a chain that are told one by one.
+/// Commands without a chain that are listed one by one.
 const MAX_UNTRACED: usize = 10;
 
 /// Length of one span over all chains that have it \[ns\].

@@ -30,7 +30,7 @@ pub(crate) struct Frames {
 /// Sees every record once.
 #[derive(Debug)]
 pub(crate) struct Collect {
-    /// Who commands; complete before the first sample of a recording, and ahead of the commands of a running flight.
+    /// Slot owners; complete before the first sample of a recording, and ahead of the commands of a running flight.
     pub(crate) owners: Owners,
     epoch_unix_ns: u64,
     clock: Clock,
@@ -79,7 +79,7 @@ impl Collect {
         self.compare(true);
     }
 
-    /// Why the vehicle cannot be said to fly as it should, if so.
+    /// Why the vehicle does not fly as it should, if so.
     pub(crate) fn trouble(&self) -> Option<String> {
         if self.world.has_cut_rotors() {
             return Some("its rotors are cut".to_owned());
@@ -269,6 +269,6 @@ impl RecordVisitor for Collect {
     }
 
     fn event(&mut self, event: RecordedEvent) {
-        self.happenings.push(Happening::told(event, self.epoch_unix_ns, self.clock));
+        self.happenings.push(Happening::from_event(event, self.epoch_unix_ns, self.clock));
     }
 }

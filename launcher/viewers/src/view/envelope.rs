@@ -11,7 +11,7 @@ const BINS: usize = 2048;
 pub(crate) struct Envelope {
     /// First instant; until then nothing has been put.
     origin_ns: Option<u64>,
-    /// Of a bin; 0 until the second value tells the spacing.
+    /// Width of a bin; 0 until the second value gives the spacing.
     width_ns: u64,
     /// Least and greatest; of no value, NaN.
     bins: Vec<[f32; 2]>,

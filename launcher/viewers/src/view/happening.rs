@@ -21,7 +21,7 @@ const EPISODE_NS: u64 = 2_000_000_000;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Kind {
-    /// A change of who commands a slot, or a step of it.
+    /// A change of a slot's owner, or a step of such a change.
     Swap,
     /// Something failed.
     Fault,
@@ -29,7 +29,7 @@ pub(crate) enum Kind {
     Disturbance,
     /// A user asked for something.
     Order,
-    /// Anything else that was told.
+    /// Any other logged event.
     Note,
 }
 
@@ -54,8 +54,8 @@ impl Happening {
         Self { at_s, until_s: None, kind, is_mark: true, source: source.to_owned(), text }
     }
 
-    /// What was told in words; its stamp is Unix time that runs like the flight's clock.
-    pub(super) fn told(event: RecordedEvent, epoch_unix_ns: u64, clock: Clock) -> Self {
+    /// A logged event; its stamp is Unix time that runs like the flight's clock.
+    pub(super) fn from_event(event: RecordedEvent, epoch_unix_ns: u64, clock: Clock) -> Self {
         let at_s = event.at_s(epoch_unix_ns, clock);
         let kind = match event.level {
             // So many on a busy machine that they would hide everything else; a chart has them all.
@@ -70,7 +70,7 @@ impl Happening {
     }
 }
 
-/// Who commands each slot from when on.
+/// The seat that commands each slot, and since when.
 #[derive(Debug, Default)]
 pub(crate) struct Owners {
     /// Instant \[ns\], slot, seat.
@@ -108,24 +108,24 @@ impl Owners {
     }
 }
 
-/// Tells of each part of a script of times how long it goes on, at most to the end of the flight.
+/// Sets the end of each happening that a timing script causes, at most to the end of the flight.
 pub(super) fn end(happenings: &mut [Happening], script: &Script, until_s: f64) {
     for (window, text) in script.told() {
         let text = format!("{FAULT}{text}");
-        let told = happenings.iter_mut().filter(|h| h.text == text && h.until_s.is_none());
-        for happening in told.take(1) {
+        let matching = happenings.iter_mut().filter(|h| h.text == text && h.until_s.is_none());
+        for happening in matching.take(1) {
             happening.until_s = Some((window.until_ns as f64 * 1e-9).min(until_s));
         }
     }
 }
 
-/// Winds of the script that begin in flight: gusts have no instant that the samples would tell.
+/// Winds of the script that begin in flight: with gusts, the samples do not show when one begins.
 pub(super) fn winds(script: &[Event], until_s: f64) -> Vec<Happening> {
     let winds = script.iter().filter_map(|event| match event {
         Event::Wind(wind) if wind.at_s > 0.0 => Some(wind),
         _ => None,
     });
-    let told = winds.flat_map(|wind| {
+    let marks = winds.flat_map(|wind| {
         let mean = vector(wind.mean_w_m_s);
         let mark = |at_s: f64, text: String| {
             let (kind, source) = (Kind::Disturbance, "disturbance".to_owned());
@@ -135,7 +135,7 @@ pub(super) fn winds(script: &[Event], until_s: f64) -> Vec<Happening> {
             wind.until_s.map(|at_s| mark(at_s, format!("wind of {mean} m/s on average ends")));
         [Some(mark(wind.at_s, format!("wind of {mean} m/s on average begins"))), end]
     });
-    told.flatten().filter(|told| told.at_s <= until_s).collect()
+    marks.flatten().filter(|mark| mark.at_s <= until_s).collect()
 }
 
 /// Notices when the world changes other than by wind.
@@ -157,25 +157,26 @@ impl World {
         let before = self.last.replace(*now);
         let calm = Disturbance { rotor_efficiency: [1.0; 4], ..Disturbance::default() };
         let before = before.unwrap_or(calm);
-        let mut told = Vec::new();
+        let mut changes = Vec::new();
         if !is_none(now.body_rate_kick_b_rad_s) {
-            told.push(format!("body rate kicked by {} rad/s", vector(now.body_rate_kick_b_rad_s)));
+            changes
+                .push(format!("body rate kicked by {} rad/s", vector(now.body_rate_kick_b_rad_s)));
         }
         if is_none(before.force_w_n) && !is_none(now.force_w_n) {
-            told.push(format!("force of {} N begins", vector(now.force_w_n)));
+            changes.push(format!("force of {} N begins", vector(now.force_w_n)));
         }
         if is_none(before.torque_b_nm) && !is_none(now.torque_b_nm) {
-            told.push(format!("torque of {} N m begins", vector(now.torque_b_nm)));
+            changes.push(format!("torque of {} N m begins", vector(now.torque_b_nm)));
         }
         if before.payload_kg.to_bits() != now.payload_kg.to_bits() {
-            told.push(format!("payload is {} kg", now.payload_kg));
+            changes.push(format!("payload is {} kg", now.payload_kg));
         }
         for (i, (was, is)) in before.rotor_efficiency.iter().zip(now.rotor_efficiency).enumerate() {
             if was.to_bits() != is.to_bits() {
-                told.push(format!("rotor {} gives {:.0} % of its thrust", i + 1, is * 100.0));
+                changes.push(format!("rotor {} gives {:.0} % of its thrust", i + 1, is * 100.0));
             }
         }
-        let text = told.join(", ");
+        let text = changes.join(", ");
         let at_ns = now.header.valid_ns;
         (!text.is_empty()).then(|| Happening::mark(at_ns, Kind::Disturbance, "disturbance", text))
     }
@@ -184,21 +185,21 @@ impl World {
     pub(super) fn guidance(&mut self, now: &GuidanceOrder) -> Vec<Happening> {
         let before = core::mem::replace(&mut self.guidance, *now);
         let GuidanceOrder { position, yaw, morph, .. } = now;
-        let mut told = Vec::new();
-        let mut tell = |is: bool, begin_ns: u64, before_ns: u64, text: String| {
+        let mut orders = Vec::new();
+        let mut add = |is: bool, begin_ns: u64, before_ns: u64, text: String| {
             if is && begin_ns != before_ns {
-                told.push(Happening::mark(begin_ns, Kind::Order, "order", text));
+                orders.push(Happening::mark(begin_ns, Kind::Order, "order", text));
             }
         };
         let goal = format!("go to {} m", vector(position.goal_w_m));
-        tell(position.ordered.is_set(), position.begin_ns, before.position.begin_ns, goal);
+        add(position.ordered.is_set(), position.begin_ns, before.position.begin_ns, goal);
         let heading = format!("heading {:.1}°", yaw.goal_rad.to_degrees());
-        // A vehicle that is sent somewhere without a word on the heading comes to rest without a turn.
+        // A vehicle that is sent somewhere without an ordered heading comes to rest without a turn.
         let turns = yaw.ordered.is_set() && yaw.move_s > 0.0;
-        tell(turns, yaw.begin_ns, before.yaw.begin_ns, heading);
+        add(turns, yaw.begin_ns, before.yaw.begin_ns, heading);
         let angle = format!("deployable angle {:.1}°", morph.goal_rad.to_degrees());
-        tell(morph.ordered.is_set(), morph.begin_ns, before.morph.begin_ns, angle);
-        told
+        add(morph.ordered.is_set(), morph.begin_ns, before.morph.begin_ns, angle);
+        orders
     }
 
     /// What is done to it on purpose from now on.
@@ -206,7 +207,7 @@ impl World {
         let count = usize::try_from(now.count).unwrap_or(0).min(now.entries.len());
         let newest = self.ordered;
         let new = now.entries[..count].iter().filter(|entry| entry.number > newest);
-        let told = new.map(|entry| {
+        let orders = new.map(|entry| {
             self.ordered = self.ordered.max(entry.number);
             let what = match entry.kind {
                 DisturbanceKind::Wind => format!("wind of {} m/s", vector(entry.wind_w_m_s)),
@@ -220,7 +221,7 @@ impl World {
             };
             Happening::mark(entry.begin_ns, Kind::Order, "order", what)
         });
-        told.collect()
+        orders.collect()
     }
 
     /// True if the gate has given up.
@@ -244,12 +245,12 @@ impl World {
             }
             _ => "the gate has cut the rotors",
         };
-        let mut told = Happening::mark(at_ns, Kind::Fault, "plant", text.to_owned());
+        let mut happening = Happening::mark(at_ns, Kind::Fault, "plant", text.to_owned());
         let (worst, quiet_ns) = self.episode;
         let worst = if at_ns < quiet_ns { worst } else { GateMode::Normal };
-        told.is_mark = mode.0 > worst.0;
-        self.episode = (if told.is_mark { mode } else { worst }, at_ns + EPISODE_NS);
-        Some(told)
+        happening.is_mark = mode.0 > worst.0;
+        self.episode = (if happening.is_mark { mode } else { worst }, at_ns + EPISODE_NS);
+        Some(happening)
     }
 }
 
@@ -276,14 +277,14 @@ mod tests {
             source: "launcher".to_owned(),
             text: "attitude slot: a controller joined".to_owned(),
         };
-        let told = Happening::told(event(2), 5_000_000_000, Clock::Lockstep);
-        assert_eq!((told.at_s, told.kind, told.is_mark), (2.0, Kind::Swap, false));
+        let happening = Happening::from_event(event(2), 5_000_000_000, Clock::Lockstep);
+        assert_eq!((happening.at_s, happening.kind, happening.is_mark), (2.0, Kind::Swap, false));
         let slow = Clock::Realtime { speed: 0.5 };
-        let told = Happening::told(event(3), 5_000_000_000, slow);
-        assert_eq!((told.at_s, told.kind, told.is_mark), (1.0, Kind::Fault, true));
+        let happening = Happening::from_event(event(3), 5_000_000_000, slow);
+        assert_eq!((happening.at_s, happening.kind, happening.is_mark), (1.0, Kind::Fault, true));
         let late = RecordedEvent { source: TIMING.to_owned(), ..event(3) };
-        let told = Happening::told(late, 5_000_000_000, slow);
-        assert_eq!((told.kind, told.is_mark), (Kind::Note, false));
+        let happening = Happening::from_event(late, 5_000_000_000, slow);
+        assert_eq!((happening.kind, happening.is_mark), (Kind::Note, false));
     }
 
     #[test]
@@ -310,11 +311,12 @@ mod tests {
             { kind = "wind", at_s = 9.0, mean_w_m_s = [20.0, 0.0, 0.0] },
         ]"#;
         let settings: disturbance_injector::settings::Settings = toml::from_str(script).unwrap();
-        let told = winds(&settings.script, 8.0);
-        let told: Vec<_> = told.iter().map(|told| (told.at_s, told.text.as_str())).collect();
+        let happenings = winds(&settings.script, 8.0);
+        let begun = happenings.iter().map(|happening| (happening.at_s, happening.text.as_str()));
+        let begun: Vec<_> = begun.collect();
         let [begins, ends] = ["begins", "ends"]
-            .map(|word| format!("wind of (20.000, 0.000, 0.000) m/s on average {word}"));
-        assert_eq!(told, [(2.0, begins.as_str()), (3.5, ends.as_str())]);
+            .map(|change| format!("wind of (20.000, 0.000, 0.000) m/s on average {change}"));
+        assert_eq!(begun, [(2.0, begins.as_str()), (3.5, ends.as_str())]);
     }
 
     #[test]
@@ -326,17 +328,17 @@ mod tests {
         assert_eq!(world.disturbance(&now), None);
         now.payload_kg = 0.2;
         now.rotor_efficiency[2] = 0.5;
-        let told = world.disturbance(&now).expect("two changes");
-        assert_eq!(told.text, "payload is 0.2 kg, rotor 3 gives 50 % of its thrust");
+        let change = world.disturbance(&now).expect("two changes");
+        assert_eq!(change.text, "payload is 0.2 kg, rotor 3 gives 50 % of its thrust");
         assert_eq!(world.disturbance(&now), None);
         let mut order = GuidanceOrder::default();
         (order.morph.goal_rad, order.morph.begin_ns) = (1.0, 7_000_000_000);
         order.morph.ordered = true.into();
-        let told = world.guidance(&order);
-        assert_eq!((told.len(), told[0].at_s, told[0].kind), (1, 7.0, Kind::Order));
+        let orders = world.guidance(&order);
+        assert_eq!((orders.len(), orders[0].at_s, orders[0].kind), (1, 7.0, Kind::Order));
         assert!(world.guidance(&order).is_empty());
         assert!(world.gate(0, GateMode::Hold).is_none());
-        let mut gate = |at_ns, mode| world.gate(at_ns, mode).map(|told| told.is_mark);
+        let mut gate = |at_ns, mode| world.gate(at_ns, mode).map(|happening| happening.is_mark);
         assert_eq!(gate(1, GateMode::Normal), Some(false));
         assert_eq!(gate(2, GateMode::Normal), None);
         // Trouble after trouble is one, unless it gets worse.

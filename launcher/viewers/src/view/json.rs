@@ -1,6 +1,6 @@
 //! Parts of a flight as the page reads them.
 //!
-//! A recording is told at once; of a running flight first everything so far, and then again and again
+//! A recording is sent at once; of a running flight first everything so far, and then again and again
 //! what has come since an instant, with the index of the first value of each part.
 
 use super::collect::Frames;

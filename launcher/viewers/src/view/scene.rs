@@ -146,7 +146,7 @@ fn facts(flight: &RecordedFlight, counted: &BTreeMap<String, String>) -> Value {
         ("safe_mode_episodes", "safe-mode episodes"),
         ("hash", "hash"),
     ];
-    let told = shown.into_iter().filter_map(|(key, name)| Some((name, counted.get(key)?)));
-    facts.extend(told.map(|(name, value)| (name, value.clone())));
+    let entries = shown.into_iter().filter_map(|(key, name)| Some((name, counted.get(key)?)));
+    facts.extend(entries.map(|(name, value)| (name, value.clone())));
     json!(facts)
 }

@@ -18,7 +18,7 @@ const LOOK_EVERY_NS: u64 = 50_000_000;
 pub struct ServeError {
     /// The port asked for.
     pub port: u16,
-    /// What the system says.
+    /// The system's error.
     pub cause: std::io::Error,
 }
 

@@ -10,7 +10,7 @@ pub(super) const CLIENTS: usize = 64;
 /// Stands for no instant: a client that waits for our answer.
 const AT_WORK: u64 = u64::MAX;
 
-/// Who is in.
+/// The clients that are connected.
 #[derive(Debug, Default)]
 pub(super) struct Guests {
     inside: Vec<(Arc<AtomicU64>, AbortHandle)>,
@@ -21,7 +21,7 @@ pub(super) struct Guests {
 #[derive(Debug, Default)]
 struct Doings {
     count: AtomicU64,
-    /// Told whenever one has its answer, or leaves.
+    /// Notified whenever one has its answer, or leaves.
     ended: Notify,
 }
 
@@ -53,7 +53,7 @@ impl Drop for Guest {
 }
 
 impl Guests {
-    /// Lets one in, once there is a place: it waits only for those who are being answered.
+    /// Lets one in, once there is a place: it waits only for those that are being answered.
     pub(super) async fn admit<C: Future<Output = ()> + Send + 'static>(
         &mut self,
         conversation: impl FnOnce(Guest) -> C,
@@ -67,7 +67,7 @@ impl Guests {
         guest.idles();
         let task = tokio::spawn(conversation(guest));
         self.inside.push((idle_since, task.abort_handle()));
-        // So that what it has said already counts before the next one is let in.
+        // So that what it has sent already counts before the next one is let in.
         tokio::task::yield_now().await;
     }
 

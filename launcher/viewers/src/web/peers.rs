@@ -1,9 +1,9 @@
-//! Whose the other end of a connection within this machine is, by the system's own table.
+//! Which user has the other end of a connection within this machine, by the system's own table.
 
 use core::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::fs;
 
-/// User of the process that has the end `there` of a connection whose other end is `here`; none if it is not on this
+/// User of the process that has the end `there` of a connection from `here`; none if it is not on this
 /// machine, or not in this network namespace.
 pub(super) fn user_of(here: SocketAddr, there: SocketAddr) -> Option<u32> {
     let tables = ["/proc/self/net/tcp", "/proc/self/net/tcp6"];
@@ -16,8 +16,8 @@ fn user_in(table: &str, here: SocketAddr, there: SocketAddr) -> Option<u32> {
     const ESTABLISHED: &str = "01";
     let wanted = [there, here].map(|end| (end.ip().to_canonical(), end.port()));
     table.lines().skip(1).find_map(|line| {
-        let words: Vec<&str> = line.split_whitespace().take(8).collect();
-        let [_, local, remote, state, _, _, _, user] = words[..] else { return None };
+        let columns: Vec<&str> = line.split_whitespace().take(8).collect();
+        let [_, local, remote, state, _, _, _, user] = columns[..] else { return None };
         let is_wanted = [address(local)?, address(remote)?] == wanted && state == ESTABLISHED;
         is_wanted.then(|| user.parse().ok())?
     })

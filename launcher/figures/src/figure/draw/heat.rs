@@ -13,7 +13,7 @@ pub(super) fn mapped(layout: Layout, heat: &HeatMap) -> Layout {
         .with_y_categories(heat.rows.clone())
         .with_show_grid(false);
     let mut layout = numbers(heat).into_iter().fold(layout, Layout::with_annotation);
-    // Where each cell bears its number, the scale of the colours says nothing new.
+    // Where each cell bears its number, the scale of the colours adds nothing.
     layout.show_colorbar = heat.decimals.is_none();
     if matches!(heat.shade, Shade::RisingLog(..)) {
         let power = |exponent: f64| plain(libm::pow(10.0, exponent));

@@ -271,7 +271,7 @@ fn legend(figure: &Figure) -> Vec<LegendEntry> {
     entries
 }
 
-/// The palette of Okabe and Ito, which those tell apart who see no red or green.
+/// The palette of Okabe and Ito, which those who see no red or green can distinguish.
 fn hex(colour: Colour) -> &'static str {
     match colour {
         Colour::Black => "#000000",
@@ -387,8 +387,8 @@ mod tests {
             png(&figure).is_ok_and(|bytes| bytes.starts_with(b"\x89PNG") && bytes.len() > 1000)
         );
         assert!(text == svg(&figure) && text.contains("url(#clip-stepspeaks-0)"));
-        for words in ["steps &amp; peaks", "a &lt; b", "ours", "rate [Hz]"] {
-            assert!(text.contains(words), "{words}");
+        for label in ["steps &amp; peaks", "a &lt; b", "ours", "rate [Hz]"] {
+            assert!(text.contains(label), "{label}");
         }
     }
 

@@ -264,7 +264,7 @@ fn along<'a>(content: &mut Content, points: impl Iterator<Item = &'a (f64, f64)>
     }
 }
 
-/// A path in the words of SVG, with absolute places: what the plotting crate draws lines and areas with.
+/// A path in the commands of SVG, with absolute places: what the plotting crate draws lines and areas with.
 fn commands(content: &mut Content, path: &str) {
     let is_command = |c: char| c.is_ascii_alphabetic() && c != 'e';
     let mut rest = path;
