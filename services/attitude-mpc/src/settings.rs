@@ -19,7 +19,7 @@ use crate::{
     TorqueBound,
 };
 
-/// What the attitude law is told by a scenario.
+/// What a scenario sets of the attitude law.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
@@ -194,7 +194,7 @@ impl ControllerSection for Settings {
             .and_then(|config| AttitudeMpc::new(config, &flight.vehicle, flight.start_yaw_rad))
             .map_err(|error| SectionRefusal::Refused {
                 what: error.to_string(),
-                remedy: "`morphquad check` says which key is to blame",
+                remedy: "`morphquad check` names the key to blame",
             })
     }
 

@@ -10,7 +10,7 @@ use shared_types::Slot;
 use crate::AttitudePid;
 use crate::law::{PidConfig, PidLaw};
 
-/// What the law is told by a scenario.
+/// What a scenario sets of the law.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {

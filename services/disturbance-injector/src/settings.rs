@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use crate::{Event, InjectorConfig, MAX_EVENTS, MAX_RATE_HZ};
 
-/// What the injector is told by a scenario.
+/// What a scenario sets of the injector.
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {

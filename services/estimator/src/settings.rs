@@ -8,7 +8,7 @@ use shared_types::time::ns_from_s;
 
 use crate::{BarometerModel, ConfigError, FilterConfig, InitialState, RangeFinderModel};
 
-/// What the filter is told by a scenario. What is not listed here keeps the value of
+/// What a scenario sets of the filter. What is not listed here keeps the value of
 /// [`FilterConfig::default`].
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]

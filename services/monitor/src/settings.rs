@@ -5,7 +5,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Least and largest thrust that a shipped position controller may ask for unless the scenario says otherwise, in
+/// Least and largest thrust that a shipped position controller may ask for unless the scenario sets another, in
 /// weights of the vehicle.
 const SHIPPED_WEIGHTS: [f64; 2] = [0.3, 2.0];
 /// How much thrust beyond what a position controller may ask for is none of a healthy one, in weights of the vehicle.

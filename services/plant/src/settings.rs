@@ -11,7 +11,7 @@ use crate::sensors::{
     BarometerConfig, ImuConfig, MorphEncoderConfig, PoseFixConfig, RangeFinderConfig, SensorConfigs,
 };
 
-/// What the plant is told by a scenario.
+/// What a scenario sets of the plant.
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {

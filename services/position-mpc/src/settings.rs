@@ -18,7 +18,7 @@ use crate::{Basis, ConfigError, Horizon, PositionLawConfig, PositionMpc, SolverK
 /// Samples over which inputs that move by Laguerre functions are bounded at least.
 const LAGUERRE_CONTROL: usize = 3;
 
-/// What the position law is told by a scenario.
+/// What a scenario sets of the position law.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
@@ -182,7 +182,7 @@ impl ControllerSection for Settings {
             .and_then(|config| PositionMpc::new(config, &flight.vehicle, flight.landing))
             .map_err(|error| SectionRefusal::Refused {
                 what: error.to_string(),
-                remedy: "`morphquad check` says which key is to blame",
+                remedy: "`morphquad check` names the key to blame",
             })
     }
 

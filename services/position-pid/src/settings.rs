@@ -9,7 +9,7 @@ use shared_types::Slot;
 use crate::PositionPid;
 use crate::law::PositionPidConfig;
 
-/// What the law is told by a scenario; bounds left out are those of `[position_mpc]`.
+/// What a scenario sets of the law; bounds left out are those of `[position_mpc]`.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {

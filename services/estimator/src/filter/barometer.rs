@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::error_state::{ErrorState, POSITION};
 use super::measurement::{BiasModel, MeasurementModel, Predicted};
 
-/// What the filter is told of the barometer.
+/// What the filter knows of the barometer.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct BarometerModel {

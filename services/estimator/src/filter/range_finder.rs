@@ -11,7 +11,7 @@ use super::measurement::{MeasurementModel, Predicted};
 /// Cosine of the tilt beyond which a reading does not measure the height, 60°.
 const MIN_COS_TILT: f64 = 0.5;
 
-/// What the filter is told of the range finder.
+/// What the filter knows of the range finder.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct RangeFinderModel {

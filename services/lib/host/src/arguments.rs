@@ -19,7 +19,7 @@ pub struct PlaceArguments {
     /// Which of the role's seats to take
     #[arg(long, value_name = "N", default_value = "0")]
     pub seat: u32,
-    /// Begin where, and from what state, a hand-over says
+    /// Begin where, and from what state, a hand-over asks
     #[arg(long)]
     pub await_handover: bool,
     /// Configuration of its own: TOML for a controller, a scenario for a service

@@ -1,8 +1,8 @@
 //! Samples that arrive when a script prescribes, on a clock that a conductor moves.
 
 use crate::graph::Edge;
+use crate::graph::MarkView;
 use crate::input::Source;
-use crate::ownership::MarkView;
 use core::cell::{Cell, RefCell};
 use shared_types::{Role, Sample, Seat};
 use std::collections::btree_map::Entry;

@@ -251,7 +251,7 @@ impl Executor {
         if order.has_state.is_set() {
             self.restore(state)?;
         }
-        self.hear_from(&order.heard_from);
+        self.take_from(&order.heard_from);
         if order.catches_up.is_set() {
             self.catch_up();
         }
@@ -262,8 +262,8 @@ impl Executor {
     }
 
     /// Leaves out samples of processes that had gone when this one began, see [`Handover::heard_from`].
-    pub fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
-        self.component.parts().hear_from(heard_from);
+    pub fn take_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
+        self.component.parts().take_from(heard_from);
     }
 
     /// Lets a component that shadows begin behind time and run what it has missed.

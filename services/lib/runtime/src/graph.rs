@@ -10,7 +10,6 @@ mod bounds;
 
 pub use bounds::{CREDIT_NS, READER_CAPACITY};
 
-use crate::ownership::MarkView;
 use crate::rate::Rate;
 use shared_types::{Edge as EdgeKind, Role, Slot, TopicInfo, topics};
 use thiserror::Error;
@@ -20,6 +19,23 @@ pub const ROLES: usize = Role::STEPPING.len();
 
 /// Marks of all roles \[ns\], indexed by [`Role::index`].
 pub type Marks = [u64; ROLES];
+
+/// How far the producer of an arrow has got, for the process that waits for it.
+pub trait MarkView {
+    /// Everything that travels along `edge` and was released before is final \[ns\].
+    fn of(&self, edge: &Edge) -> u64;
+    /// Mark of a role with one seat \[ns\].
+    fn of_role(&self, role: Role) -> u64;
+}
+
+impl MarkView for Marks {
+    fn of(&self, edge: &Edge) -> u64 {
+        self.of_role(edge.from)
+    }
+    fn of_role(&self, role: Role) -> u64 {
+        self.get(role.index()).copied().unwrap_or(0)
+    }
+}
 
 /// Some of the roles that step.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -4,48 +4,10 @@
 //! never for a shadow. Ownership changes at an effective instant T: what takes effect before T comes
 //! from the old owner, what takes effect from T on from the new one.
 
-use crate::graph::{Edge, Marks};
-use crate::input::Input;
-use shared_types::{NO_SEAT, OwnerRecord, Role, SEATS};
-use slot::{Authority, Record, Seat};
+use shared_types::{NO_SEAT, OwnerRecord, SEATS};
 
 /// Announced changes of a slot that can lie ahead.
 const MAX_TENURES: usize = 8;
-
-impl Input<OwnerRecord> {
-    /// The record in effect at `t_ns`, an instant since the last step.
-    #[must_use]
-    pub fn in_effect_at(&self, t_ns: u64) -> Option<&OwnerRecord> {
-        let fresh = self.fresh().iter().rev().find(|record| record.header.valid_ns <= t_ns);
-        fresh.or_else(|| self.before_fresh())
-    }
-
-    /// Authority of the writer of a command at the command's effective instant; in a slot without a
-    /// record no command counts.
-    #[must_use]
-    pub fn authority_of(&self, command: &shared_types::Header) -> Authority {
-        let record = self.in_effect_at(command.valid_ns).and_then(Record::read);
-        let seat = Seat::new(command.seat);
-        record.zip(seat).map_or(Authority::Stray, |(record, seat)| record.authority(seat))
-    }
-}
-
-/// How far the producer of an arrow has got, for the process that waits for it.
-pub trait MarkView {
-    /// Everything that travels along `edge` and was released before is final \[ns\].
-    fn of(&self, edge: &Edge) -> u64;
-    /// Mark of a role with one seat \[ns\].
-    fn of_role(&self, role: Role) -> u64;
-}
-
-impl MarkView for Marks {
-    fn of(&self, edge: &Edge) -> u64 {
-        self.of_role(edge.from)
-    }
-    fn of_role(&self, role: Role) -> u64 {
-        self.get(role.index()).copied().unwrap_or(0)
-    }
-}
 
 /// The seats that command a slot from an instant on.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -164,17 +126,6 @@ pub(crate) mod tests {
     pub(crate) fn record(epoch: u64, valid_ms: u64, owner: u32, fallback: u32) -> OwnerRecord {
         let header = Header { valid_ns: valid_ms * MS, ..Header::default() };
         OwnerRecord { header, epoch, owner, fallback, period_ns: [10; 4], ..OwnerRecord::default() }
-    }
-
-    #[test]
-    fn a_seat_without_a_process_has_no_authority_although_the_record_names_it() {
-        let mut records = Input::<OwnerRecord>::default();
-        records.offer(OwnerRecord { period_ns: [0, 10, 10, 0], ..record(1, 0, 0, 1) });
-        records.accept(0, None);
-        let of = |seat| records.authority_of(&Header { seat, ..Header::default() });
-        let expected = [Authority::Stray, Authority::Fallback, Authority::Member, Authority::Stray];
-        assert_eq!([0, 1, 2, 3].map(of), expected);
-        assert_eq!(of(9), Authority::Stray, "of a seat that there is not");
     }
 
     #[test]

@@ -3,9 +3,9 @@
 
 use crate::clock::WallMap;
 use crate::executor::Executor;
+use crate::graph::MarkView;
 use crate::graph::{Edge, Graph};
 use crate::output::{Output, OutputVisitor};
-use crate::ownership::MarkView;
 use core::convert::Infallible;
 use shared_types::{Role, Sample, Topic};
 

@@ -1,7 +1,8 @@
 //! How far every seat has got, and which seats count, as one process knows it.
 
+use crate::graph::MarkView;
 use crate::graph::{Edge, Node, ROLES};
-use crate::ownership::{MarkView, SlotBook};
+use crate::ownership::SlotBook;
 use crate::state_header::StateHeader;
 use shared_types::{Handover, Progress, RegistryEntry, Role, SEATS, Seat};
 
@@ -85,7 +86,7 @@ impl SeatMarks {
     /// Takes in the progress that a process has reported. A report from before the reader's ports
     /// were open, at `opened_mono_ns` of `CLOCK_MONOTONIC`, may promise samples that have not come;
     /// returns false then.
-    pub fn hear(&mut self, seat: Seat, progress: &Progress, opened_mono_ns: u64) -> bool {
+    pub fn update(&mut self, seat: Seat, progress: &Progress, opened_mono_ns: u64) -> bool {
         let Progress { mark_ns, quiet_until_ns, served_mono_ns, generation, .. } = *progress;
         let is_believed = served_mono_ns == 0 || served_mono_ns >= opened_mono_ns;
         if is_believed {
@@ -257,11 +258,11 @@ mod tests {
             ..Progress::default()
         };
         let owner = Seat::first(Role::Attitude);
-        assert!(!marks.hear(owner, &progress(999, 90), 1000));
+        assert!(!marks.update(owner, &progress(999, 90), 1000));
         assert_eq!(of(&marks, 1), 0);
-        assert!(marks.hear(owner, &progress(1000, 90), 1000));
+        assert!(marks.update(owner, &progress(1000, 90), 1000));
         assert_eq!(of(&marks, 1), 90);
-        assert!(marks.hear(owner, &progress(0, 100), 1000), "a writer that does not tell");
+        assert!(marks.update(owner, &progress(0, 100), 1000), "a writer that does not tell");
         assert_eq!(of(&marks, 1), 100);
     }
 
@@ -271,7 +272,7 @@ mod tests {
         let seat = Seat::first(Role::Monitor);
         let mut report = |generation, mark_ms: u64, quiet_until_ms: u64| {
             let (mark_ns, quiet_until_ns) = (mark_ms * MS, quiet_until_ms * MS);
-            marks.hear(
+            marks.update(
                 seat,
                 &Progress { mark_ns, quiet_until_ns, generation, ..Progress::default() },
                 0,
@@ -306,13 +307,13 @@ mod tests {
             generation,
             ..Progress::default()
         };
-        marks.hear(owner, &progress(1000, 0), 0);
+        marks.update(owner, &progress(1000, 0), 0);
         assert!(marks.has_served(owner, 0, 1000) && !marks.has_served(owner, 0, 1001));
         assert!(!marks.has_served(owner, 1, 1000), "its successor has not");
-        marks.hear(owner, &progress(1200, 1), 0);
-        marks.hear(owner, &progress(1100, 0), 0);
+        marks.update(owner, &progress(1200, 1), 0);
+        marks.update(owner, &progress(1100, 0), 0);
         assert!(marks.has_served(owner, 1, 1200));
-        marks.hear(owner, &progress(0, 2), 0);
+        marks.update(owner, &progress(0, 2), 0);
         assert!(marks.has_served(owner, 2, u64::MAX), "a writer that does not tell");
     }
 

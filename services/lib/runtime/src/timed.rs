@@ -5,11 +5,11 @@ use crate::clock::WallMap;
 use crate::delays::{DelayedMarks, Delays};
 use crate::executor::{Computed, Executor};
 use crate::graph::Graph;
-use crate::ownership::MarkView;
+use crate::graph::MarkView;
 use crate::pacing::{Next, Pacing, is_timed};
 use shared_types::{ClockRecord, Seat};
 use std::rc::Rc;
-use timing::{Answer, Script, TurnKind, Who};
+use timing::{Answer, LoopName, Script, TurnKind};
 
 /// Logical time 0 on such a clock: sources work ahead of the start \[ns\].
 pub const START_MONO_NS: u64 = 10_000_000_000;
@@ -77,24 +77,24 @@ impl TimedLoop {
         before_step: impl FnOnce(&mut Executor),
     ) -> Answer {
         let Around { graph, seat, name, end_ns, .. } = *around;
-        let who = Who { role: seat.role, name };
+        let name = LoopName { role: seat.role, name };
         let release_ns = executor.mark_ns();
         let silent = |next| Answer { next, announced_from_ns: None, mark_ns: release_ns };
         if release_ns >= end_ns {
             return silent(None);
         }
-        let is_timed = is_timed(graph, who.role);
+        let is_timed = is_timed(graph, name.role);
         if !is_timed {
             executor.component.receive();
         }
         let marks = DelayedMarks { marks: around.marks, delays: &self.delays, reader: seat };
         let pacing = Pacing { graph, marks: &marks, wall: self.wall, is_timed };
-        let begins_ns = |at_ns: u64| self.script.begins_ns(who, at_ns, release_ns);
+        let begins_ns = |at_ns: u64| self.script.begins_ns(name, at_ns, release_ns);
         match pacing.next(executor, at_ns) {
             Next::Rest(until_ns) => silent(Some((TurnKind::Begin, begins_ns(until_ns)))),
             Next::Listen(until_ns) => {
                 let arrival_ns = self.delays.next_arrival_mono_ns(seat);
-                let arrival_ns = arrival_ns.filter(|at_ns| !self.script.misses_wake(who, *at_ns));
+                let arrival_ns = arrival_ns.filter(|at_ns| !self.script.misses_wake(name, *at_ns));
                 let at_ns = begins_ns(until_ns.min(arrival_ns.unwrap_or(u64::MAX)));
                 silent(Some((TurnKind::Expire, at_ns)))
             }
@@ -110,7 +110,7 @@ impl TimedLoop {
                     // A release that was skipped is final too.
                     return announced(executor, release_ns, at_ns);
                 }
-                let end_mono_ns = self.script.ends_ns(who, at_ns, release_ns);
+                let end_mono_ns = self.script.ends_ns(name, at_ns, release_ns);
                 let computed = executor.compute(due_mono_ns, at_ns);
                 if end_mono_ns <= at_ns {
                     return publish(executor, computed, at_ns);

@@ -17,6 +17,6 @@ mod script;
 pub use agenda::{Agenda, Answer, Turn, TurnKind};
 pub use duration::Duration;
 pub use script::{
-    Arrival, LoopEffect, LoopEntry, RecordedStep, SampleEffect, SampleEntry, Script, ToTell, Who,
-    Window,
+    Announcements, Arrival, LoopEffect, LoopEntry, LoopName, RecordedStep, SampleEffect,
+    SampleEntry, Script, Window,
 };

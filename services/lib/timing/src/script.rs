@@ -52,7 +52,7 @@ pub struct RecordedStep {
 
 /// A loop and the service that fills it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Who<'a> {
+pub struct LoopName<'a> {
     /// Its role.
     pub role: Role,
     /// Name of the service.
@@ -74,8 +74,8 @@ pub struct LoopEntry {
 }
 
 impl LoopEntry {
-    fn is_about(&self, who: Who<'_>) -> bool {
-        self.role == who.role && self.name.as_ref().is_none_or(|name| name == who.name)
+    fn is_about(&self, of: LoopName<'_>) -> bool {
+        self.role == of.role && self.name.as_ref().is_none_or(|name| name == of.name)
     }
 }
 
@@ -198,7 +198,7 @@ impl Script {
 
     /// A sentence for each entry, with the window in which it holds, ordered by its beginning.
     #[must_use]
-    pub fn told(&self) -> Vec<(Window, String)> {
+    pub fn announced(&self) -> Vec<(Window, String)> {
         let loops = self.loops.iter().map(|entry| (entry.window, entry.to_string()));
         let samples = self.samples.iter().map(|entry| (entry.window, entry.to_string()));
         let mut entries: Vec<_> = loops.chain(samples).collect();
@@ -208,57 +208,57 @@ impl Script {
 
     /// The same sentences, to be announced when each entry begins.
     #[must_use]
-    pub fn to_tell(&self) -> ToTell {
-        let mut entries = self.told();
+    pub fn announcements(&self) -> Announcements {
+        let mut entries = self.announced();
         entries.reverse();
-        ToTell(entries)
+        Announcements(entries)
     }
 
     /// When a loop begins that has a reason to at `at_ns`, for its next release \[ns\].
     #[must_use]
-    pub fn begins_ns(&self, who: Who<'_>, at_ns: u64, release_ns: u64) -> u64 {
-        let late_ns = self.sum(who, at_ns, release_ns, |effect| match effect {
+    pub fn begins_ns(&self, name: LoopName<'_>, at_ns: u64, release_ns: u64) -> u64 {
+        let late_ns = self.sum(name, at_ns, release_ns, |effect| match effect {
             LoopEffect::StartLate(duration) => Some(duration),
             _ => None,
         });
         let at_ns = at_ns.saturating_add(late_ns);
-        let recorded = self.recorded(who, |steps| steps.get(&release_ns));
+        let recorded = self.recorded(name, |steps| steps.get(&release_ns));
         let recorded_ns = recorded.map(|step| u64::try_from(step.begin_ns).unwrap_or(0));
-        self.goes_on_ns(who, recorded_ns.max().unwrap_or(0).max(at_ns))
+        self.goes_on_ns(name, recorded_ns.max().unwrap_or(0).max(at_ns))
     }
 
     /// When the step for a release that begins at `start_ns` is over \[ns\].
     #[must_use]
-    pub fn ends_ns(&self, who: Who<'_>, start_ns: u64, release_ns: u64) -> u64 {
-        let step_ns = self.sum(who, start_ns, release_ns, |effect| match effect {
+    pub fn ends_ns(&self, name: LoopName<'_>, start_ns: u64, release_ns: u64) -> u64 {
+        let step_ns = self.sum(name, start_ns, release_ns, |effect| match effect {
             LoopEffect::Step(duration) => Some(duration),
             _ => None,
         });
-        let recorded = self.recorded(who, |steps| steps.get(&release_ns));
+        let recorded = self.recorded(name, |steps| steps.get(&release_ns));
         let recorded_ns = recorded.map(|step| step.step_ns).fold(0, u64::saturating_add);
         let (mut at_ns, mut left_ns) = (start_ns, step_ns.saturating_add(recorded_ns));
         // It computes from one stop to the next.
-        while let Some(stop_ns) = self.next_stop_ns(who, at_ns) {
+        while let Some(stop_ns) = self.next_stop_ns(name, at_ns) {
             let runs_ns = stop_ns.saturating_sub(at_ns);
             if runs_ns >= left_ns {
                 break;
             }
             left_ns -= runs_ns;
-            at_ns = self.goes_on_ns(who, stop_ns);
+            at_ns = self.goes_on_ns(name, stop_ns);
         }
         at_ns.saturating_add(left_ns)
     }
 
     /// When a loop begins that is woken at `at_ns`, for its next release; none if the wake-up is lost \[ns\].
     #[must_use]
-    pub fn woken_ns(&self, who: Who<'_>, at_ns: u64, release_ns: u64) -> Option<u64> {
-        (!self.misses_wake(who, at_ns)).then(|| self.begins_ns(who, at_ns, release_ns))
+    pub fn woken_ns(&self, name: LoopName<'_>, at_ns: u64, release_ns: u64) -> Option<u64> {
+        (!self.misses_wake(name, at_ns)).then(|| self.begins_ns(name, at_ns, release_ns))
     }
 
     /// True if a wake-up of a loop is lost at an instant.
     #[must_use]
-    pub fn misses_wake(&self, who: Who<'_>, at_ns: u64) -> bool {
-        self.of(who, at_ns).any(|(_, entry)| entry.effect == LoopEffect::WakeMissed)
+    pub fn misses_wake(&self, name: LoopName<'_>, at_ns: u64) -> bool {
+        self.of(name, at_ns).any(|(_, entry)| entry.effect == LoopEffect::WakeMissed)
     }
 
     /// How a sample of a topic gets to its readers.
@@ -284,10 +284,10 @@ impl Script {
     }
 
     /// When a loop goes on that may be stopped at an instant \[ns\].
-    fn goes_on_ns(&self, who: Who<'_>, at_ns: u64) -> u64 {
+    fn goes_on_ns(&self, name: LoopName<'_>, at_ns: u64) -> u64 {
         let mut at_ns = at_ns;
         while let Some(until_ns) =
-            self.stops(who).filter(|w| w.contains(at_ns)).map(|w| w.until_ns).max()
+            self.stops(name).filter(|w| w.contains(at_ns)).map(|w| w.until_ns).max()
         {
             at_ns = until_ns;
         }
@@ -295,44 +295,44 @@ impl Script {
     }
 
     /// When a loop that runs at an instant is stopped next \[ns\].
-    fn next_stop_ns(&self, who: Who<'_>, at_ns: u64) -> Option<u64> {
-        let to_come = self.stops(who).filter(|w| w.from_ns < w.until_ns && w.until_ns > at_ns);
+    fn next_stop_ns(&self, name: LoopName<'_>, at_ns: u64) -> Option<u64> {
+        let to_come = self.stops(name).filter(|w| w.from_ns < w.until_ns && w.until_ns > at_ns);
         to_come.map(|w| w.from_ns.max(at_ns)).min()
     }
 
     /// What the recorded steps of a loop give.
     fn recorded<'a, T>(
         &'a self,
-        who: Who<'_>,
+        name: LoopName<'_>,
         look_up: impl Fn(&'a BTreeMap<u64, RecordedStep>) -> Option<T>,
     ) -> impl Iterator<Item = T> {
-        let entries = self.loops.iter().filter(move |entry| entry.is_about(who));
+        let entries = self.loops.iter().filter(move |entry| entry.is_about(name));
         entries.filter_map(move |entry| match &entry.effect {
             LoopEffect::Recorded(steps) => look_up(steps),
             _ => None,
         })
     }
 
-    fn stops(&self, who: Who<'_>) -> impl Iterator<Item = Window> {
+    fn stops(&self, name: LoopName<'_>) -> impl Iterator<Item = Window> {
         let entries = self.loops.iter();
         entries
-            .filter(move |entry| entry.is_about(who) && entry.effect == LoopEffect::Stopped)
+            .filter(move |entry| entry.is_about(name) && entry.effect == LoopEffect::Stopped)
             .map(|entry| entry.window)
     }
 
-    fn of(&self, who: Who<'_>, at_ns: u64) -> impl Iterator<Item = (usize, &LoopEntry)> {
+    fn of(&self, name: LoopName<'_>, at_ns: u64) -> impl Iterator<Item = (usize, &LoopEntry)> {
         let entries = self.loops.iter().enumerate();
-        entries.filter(move |(_, entry)| entry.is_about(who) && entry.window.contains(at_ns))
+        entries.filter(move |(_, entry)| entry.is_about(name) && entry.window.contains(at_ns))
     }
 
     fn sum(
         &self,
-        who: Who<'_>,
+        name: LoopName<'_>,
         at_ns: u64,
         release_ns: u64,
         duration: impl Fn(&LoopEffect) -> Option<&Duration>,
     ) -> u64 {
-        let drawn = self.of(who, at_ns).filter_map(|(number, entry)| {
+        let drawn = self.of(name, at_ns).filter_map(|(number, entry)| {
             let duration = duration(&entry.effect)?;
             Some(duration.draw_ns(self.uniform(number, release_ns)))
         });
@@ -349,9 +349,9 @@ impl Script {
 
 /// Entries of a script that have not been announced yet, the earliest last.
 #[derive(Debug, Clone)]
-pub struct ToTell(Vec<(Window, String)>);
+pub struct Announcements(Vec<(Window, String)>);
 
-impl ToTell {
+impl Announcements {
     /// The next entry that begins by an instant, and from when it holds \[ns\].
     pub fn next_by(&mut self, now_ns: u64) -> Option<(u64, String)> {
         let next = self.0.pop_if(|(window, _)| window.from_ns <= now_ns);

@@ -17,13 +17,13 @@ pub const MAX_TIME_SCALE: f64 = 100.0;
 /// A trajectory that is passed through as it is given, without stopping.
 ///
 /// A flight begins where the trajectory does, as fast as it does there, and ends two seconds after it, unless
-/// `[start]` and `[scenario]` say otherwise. Once a file has been read, its rows stand in the scenario in its place, so
+/// `[start]` and `[scenario]` set another. Once a file has been read, its rows stand in the scenario in its place, so
 /// that a recording has all that was flown.
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Trajectory {
     /// A file of comma-separated values, from the folder of the scenario or, by `--set`, from where the command runs:
-    /// `pieces` as planners write them, or `samples`, told apart by the names in the first line.
+    /// `pieces` as planners write them, or `samples`, distinguished by the names in the first line.
     #[garde(skip)]
     pub file: Option<String>,
     /// Polynomials: duration \[s\], then eight coefficients in ascending powers of time for each of x, y, z \[m/s^k\] and

@@ -1,6 +1,7 @@
 //! One input of a service: what has arrived, what is in effect, what is new.
 
 pub(crate) mod left_out;
+mod owner_records;
 mod set;
 
 pub use set::{InputPort, InputSet, InputVisitor};
@@ -326,7 +327,7 @@ impl<T: Sample> Input<T> {
 
     /// Leaves out samples of processes that had gone when this one began, see
     /// [`Handover::heard_from`](shared_types::Handover::heard_from).
-    pub fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
+    pub fn take_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
         let Some(role) = self.edge.map(|edge| edge.from) else { return };
         for (index, from) in (0..).zip(&mut self.heard_from) {
             *from = Seat { role, index }.number().map_or(0, |number| heard_from[number]);

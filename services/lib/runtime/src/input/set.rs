@@ -69,8 +69,8 @@ pub trait InputSet: Default {
     fn skip_until(&mut self, t_ns: u64);
     /// See [`Input::knows_until`].
     fn knows_until(&mut self, t_ns: u64);
-    /// See [`Input::hear_from`].
-    fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]);
+    /// See [`Input::take_from`].
+    fn take_from(&mut self, heard_from: &[u32; Seat::COUNT]);
     /// See [`Input::learn_owners`].
     fn learn_owners(&mut self, role: Role, slot: &SlotBook, previous_ns: Option<u64>);
 }
@@ -168,8 +168,8 @@ macro_rules! inputs {
                 $(self.$field.learn_owners(role, slot, previous_ns);)*
                 let _ = (role, slot, previous_ns);
             }
-            fn hear_from(&mut self, heard_from: &[u32; ::shared_types::Seat::COUNT]) {
-                $(self.$field.hear_from(heard_from);)*
+            fn take_from(&mut self, heard_from: &[u32; ::shared_types::Seat::COUNT]) {
+                $(self.$field.take_from(heard_from);)*
                 let _ = heard_from;
             }
             fn knows_until(&mut self, t_ns: u64) {

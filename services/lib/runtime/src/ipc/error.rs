@@ -24,7 +24,7 @@ pub enum PortError {
         theirs: String,
     },
     /// The run cannot be led.
-    #[error("cannot say in {} who leads the run: {source}", folder.display())]
+    #[error("cannot name in {} the process that leads the run: {source}", folder.display())]
     Lead {
         /// The run's folder.
         folder: PathBuf,

@@ -111,7 +111,7 @@ impl Process<'_> {
                 // reports of both may be waiting here in any order.
                 let (marks, opened_mono_ns) = (&mut self.marks, self.opened_mono_ns);
                 progress.for_each_new(|progress| {
-                    if marks.hear(neighbour.seat, progress, opened_mono_ns) {
+                    if marks.update(neighbour.seat, progress, opened_mono_ns) {
                         moved.insert(role);
                     }
                 });

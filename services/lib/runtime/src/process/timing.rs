@@ -6,7 +6,7 @@ use crate::delays::Delays;
 use crate::timed::START_MONO_NS;
 use shared_types::Role;
 use std::rc::Rc;
-use timing::{Script, Who};
+use timing::{LoopName, Script};
 
 /// What happens to the time of a process's loop and of the samples that it reads.
 #[derive(Debug)]
@@ -43,17 +43,19 @@ impl Timing {
     /// By the wall clock: when a step begins that may begin at an instant \[ns\], for a release.
     pub(super) fn begins_mono_ns(&self, role: Role, wall: WallMap, at: (u64, u64)) -> u64 {
         later(wall, at, |at_ns, release_ns| {
-            self.script.begins_ns(self.who(role), at_ns, release_ns)
+            self.script.begins_ns(self.loop_name(role), at_ns, release_ns)
         })
     }
 
     /// By the wall clock: when a step is over that began at an instant \[ns\], for a release.
     pub(super) fn ends_mono_ns(&self, role: Role, wall: WallMap, at: (u64, u64)) -> u64 {
-        later(wall, at, |at_ns, release_ns| self.script.ends_ns(self.who(role), at_ns, release_ns))
+        later(wall, at, |at_ns, release_ns| {
+            self.script.ends_ns(self.loop_name(role), at_ns, release_ns)
+        })
     }
 
-    fn who(&self, role: Role) -> Who<'_> {
-        Who { role, name: &self.name }
+    fn loop_name(&self, role: Role) -> LoopName<'_> {
+        LoopName { role, name: &self.name }
     }
 }
 

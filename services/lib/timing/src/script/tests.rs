@@ -1,14 +1,14 @@
 use super::*;
 use proptest::prelude::*;
 
-const WHO: Who<'_> = Who { role: Role::Attitude, name: "attitude-mpc" };
+const NAME: LoopName<'_> = LoopName { role: Role::Attitude, name: "attitude-mpc" };
 
 fn window(from_ns: u64, until_ns: u64) -> Window {
     Window { from_ns, until_ns }
 }
 
 fn entry(window: Window, effect: LoopEffect) -> LoopEntry {
-    LoopEntry { role: WHO.role, name: None, window, effect }
+    LoopEntry { role: NAME.role, name: None, window, effect }
 }
 
 fn of_loops(loops: Vec<LoopEntry>) -> Script {
@@ -22,9 +22,9 @@ fn sample(release_ns: u64) -> Header {
 #[test]
 fn a_stop_puts_off_what_begins_in_it_to_its_end() {
     let stop = of_loops(vec![entry(window(100, 200), LoopEffect::Stopped)]);
-    let begins = [99, 100, 199, 200].map(|at_ns| stop.begins_ns(WHO, at_ns, 0));
+    let begins = [99, 100, 199, 200].map(|at_ns| stop.begins_ns(NAME, at_ns, 0));
     assert_eq!(begins, [99, 200, 200, 200]);
-    let position = Who { role: Role::Position, name: "position-mpc" };
+    let position = LoopName { role: Role::Position, name: "position-mpc" };
     assert_eq!(stop.begins_ns(position, 150, 0), 150);
 }
 
@@ -35,18 +35,18 @@ fn a_step_goes_on_after_each_stop_with_what_is_left_of_it() {
     let stops = stops.map(|window| entry(window, LoopEffect::Stopped));
     let script = of_loops([&[step][..], &stops].concat());
     // 10 before the first stop, 10 between the two, 30 after.
-    assert_eq!(script.ends_ns(WHO, 100, 0), 260);
+    assert_eq!(script.ends_ns(NAME, 100, 0), 260);
     // Over when the stop begins.
-    assert_eq!(script.ends_ns(WHO, 60, 0), 110);
+    assert_eq!(script.ends_ns(NAME, 60, 0), 110);
     // It began after the last window.
-    assert_eq!(script.ends_ns(WHO, 1000, 0), 1000);
+    assert_eq!(script.ends_ns(NAME, 1000, 0), 1000);
 }
 
 #[test]
 fn an_entry_is_about_all_of_a_role_or_about_one_service() {
     let stop = entry(window(0, 10), LoopEffect::Stopped);
-    let other = Who { name: "attitude-pid", ..WHO };
-    let begins = |script: Script| [WHO, other].map(|who| script.begins_ns(who, 5, 0));
+    let other = LoopName { name: "attitude-pid", ..NAME };
+    let begins = |script: Script| [NAME, other].map(|name| script.begins_ns(name, 5, 0));
     assert_eq!(begins(of_loops(vec![stop.clone()])), [10, 10]);
     let named = LoopEntry { name: Some("attitude-pid".to_owned()), ..stop };
     assert_eq!(begins(of_loops(vec![named])), [5, 10]);
@@ -56,7 +56,7 @@ fn an_entry_is_about_all_of_a_role_or_about_one_service() {
 fn entries_of_one_kind_that_overlap_add_up() {
     let late = |ns| LoopEffect::StartLate(Duration::Fixed(ns));
     let script = of_loops(vec![entry(window(0, 10), late(3)), entry(window(5, 15), late(4))]);
-    assert_eq!([4, 5, 10, 15].map(|at_ns| script.begins_ns(WHO, at_ns, 0)), [7, 12, 14, 15]);
+    assert_eq!([4, 5, 10, 15].map(|at_ns| script.begins_ns(NAME, at_ns, 0)), [7, 12, 14, 15]);
 }
 
 #[test]
@@ -64,7 +64,7 @@ fn a_wake_up_that_is_lost_begins_nothing() {
     let late = LoopEffect::StartLate(Duration::Fixed(3));
     let script =
         of_loops(vec![entry(window(5, 10), LoopEffect::WakeMissed), entry(window(0, 20), late)]);
-    let woken = [4, 5, 9, 10].map(|at_ns| script.woken_ns(WHO, at_ns, 0));
+    let woken = [4, 5, 9, 10].map(|at_ns| script.woken_ns(NAME, at_ns, 0));
     assert_eq!(woken, [Some(7), None, None, Some(13)]);
 }
 
@@ -107,7 +107,7 @@ fn draws_depend_on_seed_entry_and_release_alone() {
     let jitter = LoopEffect::StartLate(Duration::Uniform(0, 1 << 40));
     let entries = vec![entry(window(0, 9), jitter.clone()), entry(window(9, 99), jitter)];
     let draw = |seed, at_ns, release_ns| {
-        Script::new(seed, entries.clone(), Vec::new()).begins_ns(WHO, at_ns, release_ns) - at_ns
+        Script::new(seed, entries.clone(), Vec::new()).begins_ns(NAME, at_ns, release_ns) - at_ns
     };
     assert_eq!(draw(1, 0, 5), draw(1, 8, 5));
     assert_ne!(draw(1, 0, 5), draw(2, 0, 5), "seed");
@@ -121,7 +121,7 @@ fn a_clock_that_begins_elsewhere_moves_windows_of_loops_and_no_release() {
         SampleEntry { topic: "imu".to_owned(), window: window(0, 10), effect: SampleEffect::Lost };
     let stop = entry(window(0, 10), LoopEffect::Stopped);
     let script = Script::new(1, vec![stop], vec![lost]).on_clock(1000);
-    assert_eq!([5, 1005].map(|at_ns| script.begins_ns(WHO, at_ns, 0)), [5, 1010]);
+    assert_eq!([5, 1005].map(|at_ns| script.begins_ns(NAME, at_ns, 0)), [5, 1010]);
     assert_eq!(script.arrival("imu", &sample(5)).copies, 0);
 }
 
@@ -133,9 +133,12 @@ fn a_recorded_step_begins_and_takes_as_it_did_whatever_the_loop_is_ready_for() {
     let recorded = entry(window(0, u64::MAX), LoopEffect::Recorded(steps));
     let script = of_loops(vec![recorded]).on_clock(100);
     let begins = [(90, 0), (99, 0), (110, 10), (120, 20), (125, 20), (130, 30)];
-    let begins = begins.map(|(at_ns, release_ns)| script.begins_ns(WHO, at_ns, release_ns));
+    let begins = begins.map(|(at_ns, release_ns)| script.begins_ns(NAME, at_ns, release_ns));
     assert_eq!(begins, [97, 99, 110, 123, 125, 130]);
-    assert_eq!([0, 10, 20].map(|release_ns| script.ends_ns(WHO, 123, release_ns)), [125, 123, 128]);
+    assert_eq!(
+        [0, 10, 20].map(|release_ns| script.ends_ns(NAME, 123, release_ns)),
+        [125, 123, 128]
+    );
 }
 
 proptest! {
@@ -158,7 +161,7 @@ proptest! {
             left_ns -= u64::from(!is_stopped(end_ns));
             end_ns += 1;
         }
-        prop_assert_eq!(script.ends_ns(WHO, start_ns, 0), end_ns);
+        prop_assert_eq!(script.ends_ns(NAME, start_ns, 0), end_ns);
     }
 }
 

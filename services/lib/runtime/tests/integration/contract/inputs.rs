@@ -288,7 +288,7 @@ fn what_was_said_by_a_process_that_had_gone_is_left_out() {
     let (mut input, queue) = input(false);
     let mut heard_from = [0; Seat::COUNT];
     heard_from[Seat { role: Role::Plant, index: 0 }.number().expect("a seat")] = 2;
-    input.hear_from(&heard_from);
+    input.take_from(&heard_from);
     for (sequence, generation) in [(1, 0), (2, 1), (3, 2), (4, 3)] {
         let header = Header { valid_ns: sequence, sequence, generation, ..Header::default() };
         queue.0.borrow_mut().push_back(Imu { header, ..Imu::default() });

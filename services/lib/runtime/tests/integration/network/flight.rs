@@ -231,7 +231,7 @@ impl Scheduler<'_> {
                 actor.clock_ns = self.allowed_ns;
                 for from in graph.nodes() {
                     let progress = &self.announced[from.role.index()];
-                    actor.marks.hear(shared_types::Seat::first(from.role), progress, 0);
+                    actor.marks.update(shared_types::Seat::first(from.role), progress, 0);
                 }
                 actor.phase = Phase::Receive;
             }
