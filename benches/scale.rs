@@ -11,7 +11,7 @@ use bench::place::Place;
 use bench::report::LoopsReport;
 use bench::series::{Quantiles, Rank};
 use clap::Parser;
-use cli::options::{Format, MeasurePlace, ScenarioArguments, scenario_words};
+use cli::options::{Format, MeasurePlace, ScenarioArguments, scenario_arguments};
 use figures::figure::us;
 use figures::results::Table;
 use scenario::Scenario;
@@ -22,7 +22,7 @@ use std::process::ExitCode;
 /// The same flight with 1, 2, 4, ... vehicles at once.
 #[derive(Debug, Parser)]
 struct Options {
-    /// The scenario; each flight of it takes 5s unless --for says otherwise.
+    /// The scenario; each flight of it takes 5s unless --for is given.
     #[command(flatten)]
     scenario: ScenarioArguments,
     /// Where.
@@ -155,8 +155,8 @@ fn table(rows: &[ScaleRow]) -> Table {
 fn report(options: &Options) -> Result<String, BenchError> {
     let place = Place::take(options.place.policy, options.place.priority, options.place.cpus())?;
     Scenario::load(&options.scenario.scenario, &options.scenario.overrides()?)?;
-    let arguments = scenario_words(&options.scenario, "5s");
-    let arguments: Vec<String> = arguments.into_iter().chain(options.place.words()).collect();
+    let arguments = scenario_arguments(&options.scenario, "5s");
+    let arguments: Vec<String> = arguments.into_iter().chain(options.place.arguments()).collect();
     let most = usize::from(options.max);
     let doubled = core::iter::successors(Some(1), |n| Some(2 * n)).take_while(|n| *n < most);
     let rows = doubled.chain([most]).map(|vehicles| fly(&arguments, vehicles));
@@ -167,7 +167,7 @@ fn report(options: &Options) -> Result<String, BenchError> {
     let mut text = format!(
         "late: release of the attitude loop to its start; path: IMU sample to the plant's gate; us, the worst\n\
          of the vehicles; missed: the loop that missed most; {}\n\n{}",
-        place.told(),
+        place.to_line(),
         table(&rows)
     );
     for row in &rows {

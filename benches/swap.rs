@@ -125,7 +125,7 @@ fn measure(options: &Options) -> Result<()> {
         out,
         "floor: a timer of {} Hz ({}) woke a period late or later {missed} times in {} ({:.3} %)",
         options.rate,
-        place.told(),
+        place.to_line(),
         late.clone().count(),
         100.0 * missed as f64 / late.count().max(1) as f64,
     )?;

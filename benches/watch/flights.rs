@@ -74,7 +74,8 @@ fn keep_asking(over: &Receiver<()>) -> u64 {
     while over.recv_timeout(ASK_EVERY) == Err(RecvTimeoutError::Timeout) {
         for run in runs::living() {
             let asked = Conversation::ask(&run, &Request::Ps);
-            answers += u64::from(asked.is_ok_and(|mut conversation| conversation.hear().is_ok()));
+            answers +=
+                u64::from(asked.is_ok_and(|mut conversation| conversation.receive().is_ok()));
         }
     }
     answers

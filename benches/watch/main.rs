@@ -16,7 +16,7 @@ use bench::loops::{self, LoopsPlan};
 use bench::peer::load::Load;
 use bench::place::Place;
 use clap::Parser;
-use cli::options::{Format, MeasurePlace, ScenarioArguments, scenario_words};
+use cli::options::{Format, MeasurePlace, ScenarioArguments, scenario_arguments};
 use core::time::Duration;
 use host::exit;
 use report::WatchReport;
@@ -85,8 +85,8 @@ fn measure(options: &Options) -> Result<(String, u8), BenchError> {
 /// Flights without and with a client that asks, in turn.
 fn one_by_one(options: &Options, folder: &Path) -> Result<WatchReport, BenchError> {
     Scenario::load(&options.scenario.scenario, &options.scenario.overrides()?)?;
-    let arguments = scenario_words(&options.scenario, "5s");
-    let arguments: Vec<String> = arguments.into_iter().chain(options.place.words()).collect();
+    let arguments = scenario_arguments(&options.scenario, "5s");
+    let arguments: Vec<String> = arguments.into_iter().chain(options.place.arguments()).collect();
     let rounds = usize::from(options.rounds);
     flights::measure(&arguments, rounds, folder)
 }
@@ -140,7 +140,7 @@ fn to_text(report: &WatchReport, options: &Options, place: &Place) -> String {
     };
     let mut text = format!(
         "{how};\nx is the median of the rounds' ratios; {}\n\n{}",
-        place.told(),
+        place.to_line(),
         report.table()
     );
     // A string takes everything.

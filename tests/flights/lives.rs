@@ -162,7 +162,7 @@ fn whom_a_replay_is_about_can_be_said_by_role_name_and_seat() {
         (["--verify", "--service", "attitude-lqr"], "attitude-mpc@0, attitude-mpc@1"),
         (["--verify", "--service", "attitude@3"], "no attitude@3"),
         (["--verify", "--service", "attitude@4"], "seats 0 to 3"),
-        (["--with", "attitude-lqr", "--hash"], "say with --service"),
+        (["--with", "attitude-lqr", "--hash"], "name with --service"),
     ] {
         let (code, _, said) = replay(&file, &flags);
         let said = said.split_whitespace().collect::<Vec<_>>().join(" ");

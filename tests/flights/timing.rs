@@ -402,7 +402,7 @@ fn what_cannot_be_timed_is_refused_with_a_remedy() {
         (&["--timing", "plant:wake-missed"], "goes by its own clock", "start late"),
         (
             &["--timing", "attitude:step"],
-            "says not what happens",
+            "lacks what happens",
             "--timing attitude:step=12ms@2s..3s",
         ),
         (&["--timing", "attitude:stopped@3s..2s"], "is not after from_s", "later"),

@@ -14,7 +14,7 @@ use tempfile::TempDir;
 /// A flight and its expected verdict: name, scenario, exit code, grade, and the beginning of its reason.
 type Flight = (&'static str, &'static str, i32, &'static str, &'static str);
 
-/// The vehicle hovers in still air unless the scenario says otherwise.
+/// The vehicle hovers in still air unless the scenario sets another.
 const FLIGHTS: [Flight; 9] = [
     (
         "good",

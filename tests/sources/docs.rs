@@ -75,7 +75,7 @@ fn the_table_of_what_is_told_of_a_flight_is_the_one_of_the_code() {
         let check = fact.check.map_or_else(String::new, |key| format!("`{key}`"));
         format!("| `{}` | {} | {unit} | {check} |", fact.key, fact.name)
     };
-    let (_, section) = VERDICT.split_once("## What is told of a flight").expect("there");
+    let (_, section) = VERDICT.split_once("## The numbers of a flight").expect("there");
     let rows = section.lines().skip_while(|line| !line.starts_with("| `"));
     let rows: Vec<_> = rows.take_while(|line| line.starts_with("| `")).collect();
     assert_eq!(rows, FACTS.iter().map(row).collect::<Vec<_>>());
@@ -92,7 +92,7 @@ fn scenario_reference() -> String {
         // Writing to a string cannot fail.
         let _ = write!(text, "\n## `[{}]`\n\n{}\n\n{heading}", section.name, section.meaning);
         for key in &section.keys {
-            let takes = key.takes.replace(" | ", " or ") + &key.range_in_words();
+            let takes = key.takes.replace(" | ", " or ") + &key.range_text();
             let default = key.default_in_toml().map(|value| format!("`{value}`"));
             let required = if key.is_required { "required" } else { "" };
             let default = default.unwrap_or_else(|| required.to_owned());

@@ -125,7 +125,7 @@ impl Terms {
                 ("number of processors", facts.processors.to_string()),
                 ("kernel", facts.kernel.clone()),
                 ("version", facts.version.clone()),
-                ("place", place.told()),
+                ("place", place.to_line()),
                 ("load", load.clone()),
                 ("scenario", scenario.clone()),
                 ("set of rates", rates(terms)),

@@ -126,8 +126,9 @@ pub fn measure(plan: &LoopsPlan) -> Result<Measured, BenchError> {
     let _load = plan.load.begin(&plan.place)?;
     let floor_plan = if plan.with_floor { floor_plan(&graph) } else { FloorPlan::default() };
     let floor = plan.with_floor.then(|| Floor::prepare(&floor_plan, &plan.place)).transpose()?;
-    let watch =
-        floor.as_ref().map_or_else(Stopwatch::default, |floor| Stopwatch::telling(floor.starter()));
+    let watch = floor
+        .as_ref()
+        .map_or_else(Stopwatch::default, |floor| Stopwatch::notifying(floor.starter()));
     let before = MachineTime::read();
     let options = RunOptions {
         scenario: scenario.clone(),

@@ -91,7 +91,7 @@ impl Place {
 
     /// In a short text.
     #[must_use]
-    pub fn told(&self) -> String {
+    pub fn to_line(&self) -> String {
         let cpus = self.cpus.iter().map(usize::to_string).collect::<Vec<_>>().join(",");
         match self.policy {
             Policy::Other => format!("policy other, processors {cpus}"),

@@ -230,7 +230,7 @@ impl LoopsReport {
         let _ = writeln!(
             text,
             "{scenario}, {duration_s} s of which {warm_up_s} s warm-up, {}, load {load}",
-            place.told()
+            place.to_line()
         );
         if let Some(fell_back) = &place.fell_back {
             let _ = writeln!(text, "note: {fell_back}");

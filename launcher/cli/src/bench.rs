@@ -4,7 +4,7 @@ mod loops;
 
 use super::bar::bar;
 use super::options::{
-    BenchCommand, Format, HopArguments, MeasurePlace, RateArguments, scenario_words,
+    BenchCommand, Format, HopArguments, MeasurePlace, RateArguments, scenario_arguments,
 };
 use super::refusal::Done;
 use bench::hop::{self, HopPlan};
@@ -94,9 +94,9 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
         let filled = services::role_of(name).map(|role| assignment.name(role));
         rates_hz.extend(services::rate_hz(filled.unwrap_or(name), settings));
     }
-    let flight_arguments = scenario_words(&arguments.scenario, "5s");
+    let flight_arguments = scenario_arguments(&arguments.scenario, "5s");
     let flight_arguments: Vec<String> =
-        flight_arguments.into_iter().chain(arguments.place.words()).collect();
+        flight_arguments.into_iter().chain(arguments.place.arguments()).collect();
     let bar = bar(names.len(), "loops");
     let ladders = names.iter().zip(rates_hz).map(|(name, rate_hz)| {
         let fly = &mut |hz: f64| rate::fly(&flight_arguments, name, hz);
@@ -111,7 +111,7 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
         Format::Text => {
             let mut text = format!(
                 "held: at most 0.1 % of the releases missed; us; {}\n\n{}\n",
-                place.told(),
+                place.to_line(),
                 rate::table(&ladders)
             );
             for ladder in &ladders {

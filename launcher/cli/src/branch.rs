@@ -248,7 +248,7 @@ fn fly_many(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
         }
         Format::Text => format!(
             "{}\n{} branches of run {run} at {} s; all figures are of what was flown since then\n{}\n{}\n\
-             (the commands tell the same figures as `since the branch`)\nwrote {}",
+             (the commands print the same figures as `since the branch`)\nwrote {}",
             report::line(&format!("branches of run {run}"), &flown),
             flown.len(),
             seconds(&branch),

@@ -168,7 +168,7 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     writeln!(
         out,
         "needs   {shared_mb} MB of shared memory and {own_mb} MB beside it, {files} file descriptors, {} processes and threads; \
-         `morphquad doctor` tells whether they can be had here",
+         `morphquad doctor` shows whether they can be had here",
         needs::TASKS
     )?;
     let law = scenario.attitude_law().map_err(io::Error::other)?;
@@ -246,14 +246,14 @@ fn script_of(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     for swap in &settings.swap {
         let SwapSettings { slot, to, at_s, shadow_s, rollback_s, max_bump, config, .. } = swap;
         let config =
-            config.as_ref().map_or(String::new(), |c| format!(", as {} says", c.display()));
+            config.as_ref().map_or(String::new(), |c| format!(", as {} sets it", c.display()));
         let bump = max_bump.map_or(String::new(), |bump| format!(", bump at most {bump}"));
         let rehearsal = match swap.rehearse {
             Some(true) => ", rehearsed",
             Some(false) => ", not rehearsed",
             None => "",
         };
-        let force = if swap.force { ", whatever gate and rehearsal say" } else { "" };
+        let force = if swap.force { ", whatever gate and rehearsal decide" } else { "" };
         let slot = slot.label();
         writeln!(
             out,
@@ -268,7 +268,7 @@ fn script_of(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
         writeln!(out, "fault   {} {name} at {at_s} s", kind.label())?;
     }
     if let Some(script) = scenario.timing() {
-        for (_, entry) in script.told() {
+        for (_, entry) in script.announced() {
             writeln!(out, "timing  {entry}")?;
         }
     }

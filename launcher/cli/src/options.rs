@@ -48,7 +48,7 @@ pub use self::scenario::{
 };
 pub use bench::{
     BenchCommand, HopArguments, LoopsArguments, PlaceArguments as MeasurePlace, RateArguments,
-    TableFormat, scenario_words,
+    TableFormat, scenario_arguments,
 };
 pub use orders::{DisturbArguments, GotoArguments, MorphArguments};
 pub use pages::{CompletionsArguments, LayoutArguments, ManArguments};
@@ -116,7 +116,7 @@ pub(super) enum Command {
     /// Show what a scenario would fly, or what is wrong with it
     #[command(after_help = examples::CHECK)]
     Check(CheckArguments),
-    /// Begin a scenario of one's own, show one, or tell what can be set
+    /// Begin a scenario of one's own, show one, or list what can be set
     #[command(subcommand)]
     Scenario(ScenarioCommand),
     /// Show processes and slots of a running flight
@@ -205,7 +205,7 @@ pub(super) enum Command {
     /// Write a manual page for each command
     #[command(after_help = pages::MAN_EXAMPLES)]
     Man(ManArguments),
-    /// Name the recordings that there are, or tell what one of them is
+    /// List the recordings that there are, or describe one of them
     #[command(subcommand)]
     Recordings(RecordingsCommand),
     /// Make a complete file of a recording that is cut
@@ -257,7 +257,7 @@ pub enum CheckFormat {
 pub struct CampaignArguments {
     /// File that names scenario, seeds and grid
     pub file: PathBuf,
-    /// Folder for journal and tables; what the file says, or campaigns/NAME
+    /// Folder for journal and tables; what the file names, or campaigns/NAME
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Throw away what an earlier run has flown
@@ -324,7 +324,7 @@ pub struct TypesArguments {
     pub out: Option<PathBuf>,
 }
 
-/// Everything one process of a run is told.
+/// The arguments of one process of a run.
 #[derive(Debug, Clone, Args)]
 pub struct ProcArguments {
     /// Which service to be

@@ -106,7 +106,7 @@ pub(super) fn order(
     let asked = Conversation::ask(&found, request);
     let mut conversation = asked.map_err(|error| refuse(error.into()))?;
     loop {
-        let reply = conversation.hear().map_err(|error| refuse(error.into()))?;
+        let reply = conversation.receive().map_err(|error| refuse(error.into()))?;
         let text = match &reply {
             Reply::Refused(refusal) => return Err(refuse(Trouble::Refused(refusal.clone()))),
             Reply::Status(_) => return Err(refuse(Trouble::Astray)),

@@ -78,7 +78,7 @@ mod tests {
         commands(&Cli::command(), "morphquad", &mut all);
         assert!(all.len() > 20);
         for (line, command, shown) in all {
-            assert!(command.get_about().is_some(), "{line} says nothing of itself");
+            assert!(command.get_about().is_some(), "{line} has no description");
             if command.has_subcommands() || line.starts_with("morphquad disturb ") {
                 continue;
             }

@@ -56,7 +56,7 @@ pub(super) fn run(arguments: &PsArguments, out: &mut dyn Write) -> Done {
 
 fn ask(arguments: &PsArguments) -> Result<RunStatus, Trouble> {
     let run = runs::find(arguments.run.run.as_deref())?;
-    match Conversation::ask(&run, &Request::Ps)?.hear()? {
+    match Conversation::ask(&run, &Request::Ps)?.receive()? {
         Reply::Status(status) => Ok(status),
         Reply::Refused(refusal) => Err(Trouble::Refused(refusal)),
         Reply::Progress(_) | Reply::Done(_) | Reply::Ordered(_) => Err(Trouble::Astray),

@@ -147,7 +147,7 @@ fn table(figures: &RehearsalFigures) -> String {
         let at = (figure.draw, figure.at_s.to_bits());
         if last != Some(at) {
             let flight = if figure.draw == 0 { "mean" } else { "draw" };
-            let (draw, what) = (figure.draw, figure.challenge.words());
+            let (draw, what) = (figure.draw, figure.challenge.description());
             let _ =
                 writeln!(text, "  {flight} {draw}, {:.2} s after the flip: {what}", figure.at_s);
             last = Some(at);
@@ -155,7 +155,7 @@ fn table(figures: &RehearsalFigures) -> String {
         let mark = if figure.is_within() { ' ' } else { '!' };
         let [is, may, owner] =
             [figure.candidate, figure.limit, figure.owner].map(|value| figure.measure.shown(value));
-        let name = Measure::words(figure.measure);
+        let name = Measure::description(figure.measure);
         let _ = writeln!(text, "  {mark} {name:<42}{is:>14} of {may:>14}   owner {owner:>14}");
     }
     text

@@ -2,7 +2,7 @@
 
 use super::options::{Format, ReplayArguments};
 use super::refusal::{Done, Failure};
-use ::replay::{self, ReplayError, Who, With};
+use ::replay::{self, ReplayError, Selection, With};
 use document::suggestion;
 use host::exit;
 use indicatif::ProgressBar;
@@ -117,7 +117,7 @@ fn answer(arguments: &ReplayArguments) -> Result<Answer, Refusal> {
 
 fn write_outputs(
     flight: &RecordedFlight,
-    selection: &[Who],
+    selection: &[Selection],
     overrides: &[Override],
     path: &Path,
 ) -> Result<(), Refusal> {
@@ -139,7 +139,7 @@ fn role(name: &str) -> Result<Role, Refusal> {
 }
 
 /// `NAME`, `NAME@SEAT` or `ROLE@SEAT`: the service that a replay is about.
-fn selected(text: &str) -> Result<Who, Refusal> {
+fn selected(text: &str) -> Result<Selection, Refusal> {
     let (name, seat) = match text.rsplit_once('@') {
         Some((name, seat)) => (name, Some(seat)),
         None => (text, None),
@@ -156,22 +156,22 @@ fn selected(text: &str) -> Result<Who, Refusal> {
     // Of a role that one service alone fills, its name adds nothing to the role.
     let named = services::names_for(role).find(|known| *known == name);
     let several = services::names_for(role).count() > 1;
-    Ok(Who { role, name: named.filter(|_| several), seat: seat.transpose()? })
+    Ok(Selection { role, name: named.filter(|_| several), seat: seat.transpose()? })
 }
 
 /// The controller that replays, and the service that it replaces.
 fn controller(
     with: &str,
-    selection: &[Who],
+    selection: &[Selection],
     overrides: &[Override],
-) -> Result<(Who, With), Refusal> {
+) -> Result<(Selection, With), Refusal> {
     if let Ok(role) = role(with) {
         if selection.len() > 1 || selection.iter().any(|service| service.role != role) {
             let what = format!("--with {with} replaces {}, not what --service names", role.label());
             return Err(Refusal::Usage(what));
         }
         let name = services::names().find(|name| *name == with);
-        let service = selection.first().copied().unwrap_or_else(|| Who::all_of(role));
+        let service = selection.first().copied().unwrap_or_else(|| Selection::all_of(role));
         return Ok((service, With::Service { name, overrides: overrides.to_vec() }));
     }
     if !Path::new(with).is_file() {
@@ -185,7 +185,7 @@ fn controller(
     }
     let [service] = *selection else {
         let what = format!(
-            "--with {with}: an executable is another build of morphquad; say with --service, for example `--service attitude`, which service it replays"
+            "--with {with}: an executable is another build of morphquad; name with --service, for example `--service attitude`, which service it replays"
         );
         return Err(Refusal::Usage(what));
     };

@@ -54,7 +54,7 @@ fn new(arguments: &ScenarioNewArguments, out: &mut dyn Write) -> Result<(), Fail
     let path = shell_path(file);
     writeln!(
         out,
-        "{shown}: `morphquad run {path}` flies it, `morphquad scenario keys` tells what can be set"
+        "{shown}: `morphquad run {path}` flies it, `morphquad scenario keys` lists what can be set"
     )?;
     Ok(())
 }
@@ -112,7 +112,7 @@ fn show(section: &Section, out: &mut dyn Write) -> io::Result<()> {
             None => String::new(),
         };
         writeln!(out, "  {}{value}{kind}", key.name)?;
-        writeln!(out, "      {}{}. {}", key.takes, key.range_in_words(), key.meaning)?;
+        writeln!(out, "      {}{}. {}", key.takes, key.range_text(), key.meaning)?;
     }
     Ok(())
 }

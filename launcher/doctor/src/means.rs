@@ -92,7 +92,7 @@ pub(super) fn map_count(machine: &Machine) -> Finding {
 pub(super) fn psi(machine: &Machine) -> Finding {
     let name = "pressure";
     let Some(text) = machine.read("proc/pressure/cpu") else {
-        return Finding::ok(name, "the kernel does not tell");
+        return Finding::ok(name, "the kernel does not show it");
     };
     let share = text.split_whitespace().find_map(|word| word.strip_prefix("avg10="));
     let share: f64 = share.and_then(|share| share.parse().ok()).unwrap_or(0.0);

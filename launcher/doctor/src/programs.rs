@@ -45,7 +45,7 @@ fn controllers() -> Finding {
     let silent = with(|layout| layout.is_none());
     if !silent.is_empty() {
         let remedy = "nothing, if they are controllers in another language";
-        return Finding::warn(name, format!("{silent} do not tell their layout"), remedy);
+        return Finding::warn(name, format!("{silent} do not report their layout"), remedy);
     }
     Finding::ok(
         name,

@@ -49,7 +49,7 @@ use slot::supervisor::Now;
 use swap::services::{HeldServices, Wakers};
 use swap::{FlightError, Script, SlotContext, Slots};
 use timed::Timed;
-use timing::ToTell;
+use timing::Announcements;
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
@@ -168,7 +168,7 @@ struct Flight {
     /// Of a flight whose clock this launcher moves.
     timed: Option<Timed>,
     /// Of a script of times.
-    announcements: ToTell,
+    announcements: Announcements,
     /// Orders of clients that have not been carried out.
     asked: Vec<(Request, Answer)>,
     tap: Tap,

@@ -64,7 +64,7 @@ impl Grants {
         let slack_us = first.timer_slack_ns as f64 * 1e-3;
         parts.extend((slack_us > 0.0).then(|| format!("timer slack {slack_us} us")));
         if self.setups.iter().any(|setup| !setup.cpus.is_empty()) {
-            parts.push("processors as the scenario says".to_owned());
+            parts.push("processors as in the scenario".to_owned());
         }
         Some(format!("realtime: {}", parts.join(", ")))
     }
@@ -74,7 +74,7 @@ impl Grants {
         let lacking: Vec<_> = self.lacking.iter().map(ToString::to_string).collect();
         (!lacking.is_empty()).then(|| {
             let lacking = lacking.join("; ");
-            format!("realtime: {lacking}. The loops fly without and may miss more; `morphquad doctor` tells what else is in the way")
+            format!("realtime: {lacking}. The loops fly without and may miss more; `morphquad doctor` shows what else is in the way")
         })
     }
 

@@ -184,7 +184,7 @@ impl Tap {
             }) {}
         }
         for (seat, progress) in self.promised.drain(..) {
-            self.marks.hear(seat, &progress, self.opened_mono_ns);
+            self.marks.update(seat, &progress, self.opened_mono_ns);
         }
         self.sinks.flush_if_due(now_mono_ns);
         count

@@ -8,7 +8,7 @@ use runtime::ipc::{Bus, NumberedAnswer, NumberedOrder, Order, PortError, TurnGiv
 use runtime::timed::{self, START_MONO_NS};
 use shared_types::{Role, Seat};
 use std::time::Duration;
-use timing::{Agenda, Script, Turn, TurnKind, Who};
+use timing::{Agenda, LoopName, Script, Turn, TurnKind};
 
 /// Most turns between two looks of the launcher: what they publish fits into its rings.
 const TURNS_MAX: u32 = 100;
@@ -35,8 +35,8 @@ impl Participant {
         self.seat.number().unwrap_or(0)
     }
 
-    fn who(&self) -> Who<'_> {
-        Who { role: self.seat.role, name: &self.name }
+    fn loop_name(&self) -> LoopName<'_> {
+        LoopName { role: self.seat.role, name: &self.name }
     }
 }
 
@@ -290,7 +290,7 @@ impl Turns {
             for woken in participants.iter().filter(|p| p.seat.role == role) {
                 let number = woken.number();
                 let mark_ns = self.known[number].mark_ns;
-                if let Some(at_ns) = self.script.woken_ns(woken.who(), at_ns, mark_ns) {
+                if let Some(at_ns) = self.script.woken_ns(woken.loop_name(), at_ns, mark_ns) {
                     self.agenda.wake(number, at_ns);
                 }
             }

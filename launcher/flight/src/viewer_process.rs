@@ -56,7 +56,7 @@ impl ViewerProcess {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
         let child = command.spawn().map_err(system("start the process that serves viewers"))?;
         let mut viewers = Self { child, is_leaving: Arc::default() };
-        let failed = || system("start a thread for what viewers say");
+        let failed = || system("start a thread for what viewers print");
         let output = lines(viewers.child.stdout.take()).map_err(failed())?;
         let complaints = lines(viewers.child.stderr.take()).map_err(failed())?;
         viewers.await_addresses(&output, complaints)
@@ -89,7 +89,7 @@ impl ViewerProcess {
                 );
             }
         };
-        Builder::new().spawn(relay).map_err(system("start a thread for what viewers say"))?;
+        Builder::new().spawn(relay).map_err(system("start a thread for what viewers print"))?;
         Ok(self)
     }
 

@@ -116,7 +116,7 @@ impl Fact {
 
     /// A number as text for people, with its unit.
     #[must_use]
-    pub fn told(&self, value: f64) -> String {
+    pub fn text_with_unit(&self, value: f64) -> String {
         match self.unit {
             Unit::Metre => format!("{:.1} mm", 1e3 * value),
             Unit::Second => format!("{value:.3} s"),
@@ -211,7 +211,7 @@ mod tests {
         let fact = |key: &str| FACTS.iter().find(|fact| fact.key == key).expect("a fact");
         let (error, steps) = (fact("position_max_m"), fact("relaxed_steps"));
         assert_eq!(
-            (error.text(0.012_345_678), error.told(0.012_345_678)),
+            (error.text(0.012_345_678), error.text_with_unit(0.012_345_678)),
             ("0.012346".into(), "12.3 mm".into())
         );
         assert_eq!((steps.text(3.0), steps.json(3.0)), ("3".into(), 3.into()));

@@ -38,7 +38,7 @@ pub struct Closing {
 
 /// How a flight ended, as a recording keeps it.
 #[must_use]
-pub fn told_end(end: &End) -> String {
+pub fn describe_end(end: &End) -> String {
     match end {
         End::Planned => PLANNED.to_owned(),
         End::Interrupted => INTERRUPTED.to_owned(),
@@ -47,7 +47,7 @@ pub fn told_end(end: &End) -> String {
     }
 }
 
-/// Reads back what [`told_end`] has written.
+/// Reads back what [`describe_end`] has written.
 #[must_use]
 pub fn read(text: &str) -> End {
     match text.strip_prefix(CRASHED) {

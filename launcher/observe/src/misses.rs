@@ -154,7 +154,7 @@ impl MissLog {
             let next_ns = at_ns.saturating_add(quiet_ns);
             misses.reported = Some(Reported { next_ns, quiet_ns, count: misses.count });
             let more = before.map_or(String::new(), |last| {
-                format!("{} more since it was told last, in all ", misses.count - last.count)
+                format!("{} more since the last report, in all ", misses.count - last.count)
             });
             self.news.push((at_ns, format!("{place}: {more}{misses}")));
         }
@@ -268,7 +268,7 @@ mod tests {
         assert_eq!(seconds, [1, 2, 4, 8, 16]);
         let last = &news[4].1;
         assert!(
-            last.contains(": 8 more since it was told last, in all 16, first at 1.000"),
+            last.contains(": 8 more since the last report, in all 16, first at 1.000"),
             "{last}"
         );
     }

@@ -117,7 +117,7 @@ impl core::fmt::Debug for Stopwatch {
 impl Stopwatch {
     /// Reports the start as soon as it is known.
     #[must_use]
-    pub fn telling(on_start: OnStart) -> Self {
+    pub fn notifying(on_start: OnStart) -> Self {
         Self { on_start: Some(on_start), ..Self::default() }
     }
 

@@ -104,7 +104,7 @@ pub struct Schedule {
 impl Challenge {
     /// Name of the challenge with its article, to follow the word "after" in a sentence.
     #[must_use]
-    pub fn words(&self) -> &'static str {
+    pub fn description(&self) -> &'static str {
         match self {
             Self::Flip => "the flip",
             Self::Kick { axis, .. } => match axis {

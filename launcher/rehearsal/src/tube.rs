@@ -60,7 +60,7 @@ impl Measure {
 
     /// Name of the measure in messages.
     #[must_use]
-    pub fn words(self) -> &'static str {
+    pub fn description(self) -> &'static str {
         match self {
             Self::Tilt => "tilt",
             Self::AttitudePeak => "attitude error",

@@ -34,7 +34,7 @@ impl RehearsalFigures {
 #[serde(rename_all = "kebab-case", tag = "refusal")]
 pub enum RehearsalRefusal {
     /// The rehearsed vehicle was lost.
-    #[error("would lose the vehicle {after_s:.2} s after {}: {lost}", .challenge.words())]
+    #[error("would lose the vehicle {after_s:.2} s after {}: {lost}", .challenge.description())]
     Lost {
         /// Number of the initial state: 0 for the mean, then the draws.
         draw: usize,
@@ -51,7 +51,7 @@ pub enum RehearsalRefusal {
         course: Vec<Posture>,
     },
     /// An error leaves the tube.
-    #[error("would leave its tube after {}: {figure}", .figure.challenge.words())]
+    #[error("would leave its tube after {}: {figure}", .figure.challenge.description())]
     Outside {
         /// The figure that is furthest beyond its limit.
         figure: Figure,
@@ -132,7 +132,7 @@ impl fmt::Display for Figure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (is, may) = (self.measure.shown(self.candidate), self.measure.shown(self.limit));
         let owner = self.measure.shown(self.owner);
-        write!(f, "{} {is}, limit {may} (owner {owner})", self.measure.words())
+        write!(f, "{} {is}, limit {may} (owner {owner})", self.measure.description())
     }
 }
 
@@ -165,7 +165,10 @@ impl Verdict {
         match done {
             Ok(figures) => {
                 let closest = figures.worst().map_or(String::new(), |figure| {
-                    format!("; closest to its limit after {}: {figure}", figure.challenge.words())
+                    format!(
+                        "; closest to its limit after {}: {figure}",
+                        figure.challenge.description()
+                    )
                 });
                 let words = format!("{candidate} can fly in place of {owner}{closest}");
                 Self {

@@ -111,7 +111,7 @@ impl Again<'_> {
         if let Some(state) = restored {
             executor.restore(&state.bytes).map_err(|error| ReplayError::Restore { role, error })?;
         }
-        executor.hear_from(&life.first_generations(graph));
+        executor.take_from(&life.first_generations(graph));
         if let Some((join_ns, track_until_ns)) = joined {
             executor.join_at(join_ns, track_until_ns);
         }

@@ -5,7 +5,7 @@ use super::again::{Replayed, fly_again};
 use super::component_topics::Topics;
 use super::fields::{Named, first_difference, numbers_of_state};
 use super::life_key::LifeKey;
-use super::lives::{Instance, Life, Service as MadeOf, Who, chosen, instances, service_of};
+use super::lives::{Instance, Life, Selection, Service as MadeOf, chosen, instances, service_of};
 use super::pairs::{Pair, difference, pairs};
 use super::tapes::{Loss, Recorded, load};
 use components::build_service;
@@ -98,28 +98,31 @@ impl Verification {
 /// [`ReplayError`]; a difference is no error.
 pub fn verify(
     flight: &RecordedFlight,
-    asked: &[Who],
+    asked: &[Selection],
     mut done: impl FnMut(&ServiceVerdict),
 ) -> Result<Verification, ReplayError> {
     super::refuse_branched(flight)?;
     let scenario = flight.scenario();
     let graph = scenario.graph().map_err(|error| ReplayError::Wiring(error.to_string()))?;
-    if let Some(who) = asked.iter().find(|who| graph.node(who.role).is_none()) {
-        return Err(ReplayError::NotFlown { role: who.role.label() });
+    if let Some(selection) = asked.iter().find(|selection| graph.node(selection.role).is_none()) {
+        return Err(ReplayError::NotFlown { role: selection.role.label() });
     }
     let assignment = Assignment::of(scenario.settings());
     let mut verification = Verification { services: Vec::new(), complete: true };
     for node in graph.nodes() {
         let role = node.role;
-        let of_role: Vec<&Who> = asked.iter().filter(|who| who.role == role).collect();
+        let of_role: Vec<&Selection> =
+            asked.iter().filter(|selection| selection.role == role).collect();
         if of_role.is_empty() && !asked.is_empty() {
             continue;
         }
         let recorded = load(flight, role, &Topics::of_all(role, scenario)?)?;
         verification.complete = recorded.closing.complete;
         let mut meant = Vec::new();
-        for who in of_role.iter().copied().chain(asked.is_empty().then_some(&Who::all_of(role))) {
-            meant.extend(chosen(instances(&recorded, role, &assignment), who)?);
+        for selection in
+            of_role.iter().copied().chain(asked.is_empty().then_some(&Selection::all_of(role)))
+        {
+            meant.extend(chosen(instances(&recorded, role, &assignment), selection)?);
         }
         for (instance, lives) in meant {
             let mut verdict = judge(flight, &graph, (&recorded, &instance, &lives))?;

@@ -6,7 +6,7 @@ use super::compare::Difference;
 use super::component_topics::Topics;
 use super::fields::numbers_of;
 use super::life_key::LifeKey;
-use super::lives::{Life, Service as MadeOf, Who, instances, only, service_of};
+use super::lives::{Life, Selection, Service as MadeOf, instances, only, service_of};
 use super::other::outputs_of;
 use super::tapes::{Recorded, Tapes, load};
 use components::build_service;
@@ -63,17 +63,21 @@ pub struct Departure {
     pub first: Option<Difference>,
 }
 
-/// Replays what `who` means with another controller and compares its outputs with those recorded.
+/// Replays what `selection` means with another controller and compares its outputs with those recorded.
 ///
 /// # Errors
 /// [`ReplayError`]; a departure is none.
-pub fn depart(flight: &RecordedFlight, who: &Who, with: &With) -> Result<Departure, ReplayError> {
+pub fn depart(
+    flight: &RecordedFlight,
+    selection: &Selection,
+    with: &With,
+) -> Result<Departure, ReplayError> {
     super::refuse_branched(flight)?;
-    let role = who.role;
+    let role = selection.role;
     let graph = flight.scenario().graph().map_err(|e| ReplayError::Wiring(e.to_string()))?;
     let node = *graph.node(role).ok_or(ReplayError::NotFlown { role: role.label() })?;
     let topics = Topics::of_all(role, flight.scenario())?;
-    let (recorded, flown) = flown(flight, who, &topics)?;
+    let (recorded, flown) = flown(flight, selection, &topics)?;
     let other = match with {
         With::Service { name, overrides } => {
             let service = name.unwrap_or_else(|| flown.service());
@@ -112,15 +116,15 @@ impl Flown {
 
 fn flown(
     flight: &RecordedFlight,
-    who: &Who,
+    selection: &Selection,
     topics: &Topics,
 ) -> Result<(Recorded, Flown), ReplayError> {
-    let role = who.role;
+    let role = selection.role;
     let assignment = Assignment::of(flight.scenario().settings());
     let recorded = load(flight, role, topics)?;
     let all = instances(&recorded, role, &assignment);
     let label = if all.len() > 1 { None } else { Some(role.label().to_owned()) };
-    let (instance, lives) = only(all, who)?;
+    let (instance, lives) = only(all, selection)?;
     let made_of = service_of(&instance, &recorded, &lives);
     let label = label.unwrap_or_else(|| instance.to_string());
     Ok((recorded, Flown { lives, made_of, label, begins: assignment.name(role) }))
@@ -132,20 +136,20 @@ fn changed(flight: &RecordedFlight, overrides: &[Override]) -> Result<Scenario, 
     Ok(Scenario::from_text(&name, flight.scenario().to_toml(), overrides)?)
 }
 
-/// Replays what `who` means and writes its outputs as a recording of their own.
+/// Replays what `selection` means and writes its outputs as a recording of their own.
 ///
 /// # Errors
 /// [`ReplayError`], also if the file exists.
 pub fn write_outputs(
     flight: &RecordedFlight,
-    who: &Who,
+    selection: &Selection,
     overrides: &[Override],
     out: &Path,
 ) -> Result<(), ReplayError> {
     super::refuse_branched(flight)?;
-    let role = who.role;
+    let role = selection.role;
     let topics = Topics::of_all(role, flight.scenario())?;
-    let (recorded, flown) = flown(flight, who, &topics)?;
+    let (recorded, flown) = flown(flight, selection, &topics)?;
     let (service, scenario) = (flown.service(), changed(flight, overrides)?);
     let replayed = fly_again(flight, (role, service), &scenario, &recorded, &flown.lives)?;
     let recording = Recording::create(out, &flight.to_facts())?;

@@ -25,7 +25,7 @@ pub use compare::{Difference, ServiceVerdict, Verification, verify};
 pub use departure::{Departure, FieldDeparture, With, depart, write_outputs};
 pub use fields::Number;
 pub use hashes::{Hashes, hashes};
-pub use lives::{Instance, Who};
+pub use lives::{Instance, Selection};
 
 pub use course::{Course, Repeats};
 pub use pairs::{Pair, difference, pairs};
@@ -115,7 +115,7 @@ pub enum ReplayError {
     },
     /// Several controllers had a slot.
     #[error(
-        "several controllers flew in the {role} slot, {flew}: say with --service which one is meant"
+        "several controllers flew in the {role} slot, {flew}: name with --service which one is meant"
     )]
     Several {
         /// Label of the role.
@@ -124,7 +124,7 @@ pub enum ReplayError {
         flew: String,
     },
     /// The user ended it.
-    #[error("interrupted: the other build was told to stop, and nothing is left of what it wrote")]
+    #[error("interrupted: the other build was stopped, and nothing is left of what it wrote")]
     Interrupted,
     /// The replayed outputs cannot be written.
     #[error(transparent)]

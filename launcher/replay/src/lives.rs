@@ -13,14 +13,14 @@ use std::fmt;
 
 /// What a replay is about: a role, and of its processes perhaps those of a name or on a seat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Who {
+pub struct Selection {
     pub role: Role,
     /// Name of the controller.
     pub name: Option<&'static str>,
     pub seat: Option<u32>,
 }
 
-impl Who {
+impl Selection {
     /// All instances that filled a role.
     #[must_use]
     pub fn all_of(role: Role) -> Self {
@@ -205,36 +205,36 @@ fn source(key: LifeKey, seating: Option<&Seating>, deviations: &[Deviation]) -> 
     Some(Source { life: key, release: resumed.first, before: true })
 }
 
-/// Those of `instances` that `who` means.
+/// Those of `instances` that `selection` means.
 pub(super) fn chosen(
     instances: Vec<(Instance, Vec<Life>)>,
-    who: &Who,
+    selection: &Selection,
 ) -> Result<Vec<(Instance, Vec<Life>)>, ReplayError> {
     let flew: Vec<String> = instances.iter().map(|(i, _)| i.to_string()).collect();
     let mut meant = instances;
-    meant.retain(|(instance, _)| who.means(instance));
-    if meant.is_empty() && (who.name.is_some() || who.seat.is_some()) {
+    meant.retain(|(instance, _)| selection.means(instance));
+    if meant.is_empty() && (selection.name.is_some() || selection.seat.is_some()) {
         let asked = format!(
             "{}{}",
-            who.name.unwrap_or(who.role.label()),
-            who.seat.map_or(String::new(), |seat| format!("@{seat}"))
+            selection.name.unwrap_or(selection.role.label()),
+            selection.seat.map_or(String::new(), |seat| format!("@{seat}"))
         );
         return Err(ReplayError::NoInstance { asked, flew: flew.join(", ") });
     }
     Ok(meant)
 }
 
-/// The only one that `who` means.
+/// The only one that `selection` means.
 pub(super) fn only(
     instances: Vec<(Instance, Vec<Life>)>,
-    who: &Who,
+    selection: &Selection,
 ) -> Result<(Instance, Vec<Life>), ReplayError> {
-    let mut meant = chosen(instances, who)?;
+    let mut meant = chosen(instances, selection)?;
     if meant.len() > 1 {
         let flew: Vec<String> = meant.iter().map(|(i, _)| i.to_string()).collect();
-        return Err(ReplayError::Several { role: who.role.label(), flew: flew.join(", ") });
+        return Err(ReplayError::Several { role: selection.role.label(), flew: flew.join(", ") });
     }
-    meant.pop().ok_or(ReplayError::NotFlown { role: who.role.label() })
+    meant.pop().ok_or(ReplayError::NotFlown { role: selection.role.label() })
 }
 
 /// The service of this build that an instance is, if it is one.

@@ -51,7 +51,7 @@ pub(super) fn outputs_of(
     if !status.success() {
         let stderr =
             String::from_utf8_lossy(&fs::read(&stderr_path).unwrap_or_default()).trim().to_owned();
-        let stderr = if stderr.is_empty() { "it said nothing".to_owned() } else { stderr };
+        let stderr = if stderr.is_empty() { "it printed nothing".to_owned() } else { stderr };
         return Err(complain(format!("{stderr} ({status}); {REMEDY}")));
     }
     if !out.is_file() {

@@ -119,7 +119,7 @@ impl fmt::Display for Verification {
                 "nothing could be compared: the recorder lost samples at the beginning"
             }
             None => {
-                "nothing could be compared: the file ends before it can be told what the steps had"
+                "nothing could be compared: the file ends before it is known what the steps had"
             }
         };
         f.write_str(word)

@@ -20,11 +20,11 @@ pub enum TimingError {
     Wiring(String),
     /// Simulated time stamps samples by when they were computed, and another speed by another clock.
     #[error(
-        "it was flown in lockstep or at another speed than 1, and does not tell when its steps were due"
+        "it was flown in lockstep or at another speed than 1, and does not show when its steps were due"
     )]
     NoClock,
     /// The rest of the flight would be on time.
-    #[error("it is incomplete, and does not tell the time of all steps")]
+    #[error("it is incomplete, and lacks the time of some steps")]
     Incomplete,
     /// More than one process has had the steps of a role.
     #[error("{0} was flown by several processes, and an entry is about one")]

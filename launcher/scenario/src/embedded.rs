@@ -78,7 +78,7 @@ fn implied(
     let speed_m_s = begin.velocity_w_m_s.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
     let is_implied = |key: &str| !document.has(key);
     let refuse = |what: String, key: &str| {
-        let remedy = format!("let {key} say otherwise, or change the trajectory");
+        let remedy = format!("set {key} to another, or change the trajectory");
         Err(Problem::new("pilot", what, remedy, document.place_of("pilot.file")))
     };
     if speed_m_s > MAX_SPEED_M_S && is_implied("start.velocity_w_m_s") {

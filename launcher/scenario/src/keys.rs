@@ -243,7 +243,7 @@ fn meaning(value: &Value) -> String {
 impl Key {
     /// The range as text; empty if any number will do.
     #[must_use]
-    pub fn range_in_words(&self) -> String {
+    pub fn range_text(&self) -> String {
         match self.range {
             [None, None] => String::new(),
             [Some(least), None] => format!(" of at least {least}"),

@@ -96,7 +96,7 @@ impl Override {
                 (place, yaw, at_s)
             }
             _ => {
-                let what = "says not where to go and when";
+                let what = "lacks where to go and when";
                 return Err(refusal("--goto", &shown, what, GOTO_FORM));
             }
         };
@@ -120,7 +120,7 @@ impl Override {
             Some((angle_deg, at_s))
         });
         let (Some((angle_deg, at_s)), None | Some(Some(_))) = (parts, over) else {
-            let what = "says not how wide to spread the arms and when";
+            let what = "lacks how wide to spread the arms and when";
             return Err(refusal("--morph", &shown, what, MORPH_FORM));
         };
         let over = over.flatten().map_or(String::new(), |over_s| format!(", over_s = {over_s:?}"));

@@ -62,7 +62,7 @@ impl Override {
         let Some((slot, (to, at_s))) =
             head.split_once('=').and_then(|(slot, rest)| Some((slot, named_at(rest)?)))
         else {
-            return refuse("says not who takes which slot when");
+            return refuse("lacks which controller takes which slot when");
         };
         let mut entry = format!("slot = {slot:?}, to = {to:?}, at_s = {at_s:?}");
         for part in parts {
@@ -98,7 +98,7 @@ impl Override {
             let at = if name.contains('@') { Some(named_at(name)?) } else { None };
             Some(((slot, at.map_or(name, |(name, _)| name)), at.map(|(_, at_s)| at_s)))
         }) else {
-            let what = "says not who stands by for which slot";
+            let what = "lacks which controller stands by for which slot";
             return Err(refusal("--standby", &shown, what, STANDBY_FORM));
         };
         let mut entry = format!("slot = {slot:?}, name = {name:?}");
@@ -125,7 +125,7 @@ impl Override {
         let Some((kind, (name, at_s))) =
             argument.split_once(':').and_then(|(kind, rest)| Some((kind, named_at(rest)?)))
         else {
-            let what = "says not what happens to whom when";
+            let what = "lacks what happens to which process when";
             return Err(refusal("--fault", &shown, what, FAULT_FORM));
         };
         let entry = format!("kind = {kind:?}, name = {name:?}, at_s = {at_s:?}");

@@ -42,7 +42,7 @@ pub struct SwapSettings {
     /// Largest step of the command, as a share of its bound; what suits the kind of swap if left out.
     #[garde(range(min = 0.0, max = 2.0))]
     pub max_bump: Option<f64>,
-    /// Take over whatever the gate and the rehearsal say.
+    /// Take over whatever the gate and the rehearsal decide.
     #[serde(default)]
     #[garde(skip)]
     pub force: bool,

@@ -24,7 +24,7 @@ macro_rules! settings {
         #[derive(Debug, Clone)]
         pub struct Settings {
             $(
-                #[doc = concat!("What the scenario says under `", stringify!($name), "`.")]
+                #[doc = concat!("What the scenario sets under `", stringify!($name), "`.")]
                 pub $name: $type,
             )*
         }

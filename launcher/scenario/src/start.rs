@@ -11,7 +11,7 @@ use serde::Deserialize;
 use shared_types::time::ns_from_s;
 use shared_types::{AngleDiversion, Flag, GuidanceOrder, PositionDiversion};
 
-/// Where the flight begins: in the air, and at trim unless something else is said.
+/// Where the flight begins: in the air, and at trim unless something else is set.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct StartSettings {

@@ -125,7 +125,7 @@ impl TimingSettings {
                 refuse("topic", "an entry is about a loop or about a topic", "write two entries")
             }
             (None, None, _) => {
-                refuse("loop", "says not which loop or topic", "write loop = NAME or topic = NAME")
+                refuse("loop", "lacks a loop or a topic", "write loop = NAME or topic = NAME")
             }
         }
     }

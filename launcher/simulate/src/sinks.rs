@@ -142,7 +142,7 @@ impl Sinks {
     }
 
     /// Writes a sentence about the flight into the recording.
-    pub fn tell(&mut self, logical_ns: u64, text: &str) {
+    pub fn inform(&mut self, logical_ns: u64, text: &str) {
         self.note(logical_ns, Severity::Info, LAUNCHER, text);
     }
 

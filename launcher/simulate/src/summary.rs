@@ -4,8 +4,8 @@ use ::verdict::{End, Verdict};
 use hdrhistogram::Histogram;
 use host::exit;
 use observe::{
-    Closing, CommandTally, ENDED, Effort, FLOWN_NS, HASH_FORM, Metrics, Upkeep, exit_code,
-    seat_name, told_end,
+    Closing, CommandTally, ENDED, Effort, FLOWN_NS, HASH_FORM, Metrics, Upkeep, describe_end,
+    exit_code, seat_name,
 };
 use record::{SequenceAudit, name_gaps};
 use scenario::orders::OrderReport;
@@ -158,7 +158,7 @@ impl Summary {
         let mut put = |key: &str, value: Value| map.insert(key.to_owned(), value);
         put("hash", self.hash.clone().into());
         put("log_hash", self.log_hash.clone().into());
-        put(ENDED, told_end(&self.closing().end).into());
+        put(ENDED, describe_end(&self.closing().end).into());
         put(FLOWN_NS, self.flown_ns.into());
         put("real_time_factor", rounded(self.real_time_factor(), 1e2).into());
         for (name, axis) in AXES.iter().zip(self.metrics.step_response().into_iter().flatten()) {

@@ -1,7 +1,7 @@
 //! One process: started under its own name, its last lines on standard error kept; or taken over
 //! from a launcher that has died.
 
-use crate::last_words::LastStderr;
+use crate::last_stderr::LastStderr;
 use crate::output_pipe::OutputPipe;
 use crate::relay::Relay;
 use runtime::Place;
@@ -334,7 +334,7 @@ pub fn describe_unready(death: Death) -> String {
     let how = describe(death);
     match death {
         Death::Status(status) if status.signal() == Some(Signal::KILL.as_raw()) => {
-            format!("{how}; the system kills so where memory is short, and `dmesg` tells")
+            format!("{how}; the system kills so where memory is short, and `dmesg` shows it")
         }
         _ => how,
     }

@@ -6,7 +6,7 @@
 
 pub mod child;
 mod drain;
-mod last_words;
+mod last_stderr;
 mod order_sinks;
 pub mod orders;
 mod output_pipe;

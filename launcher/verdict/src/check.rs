@@ -254,13 +254,13 @@ impl Unit {
 
     /// A value in this unit as text with its symbol; a share is converted to per cent.
     #[must_use]
-    pub fn tell(self, value: f64) -> String {
+    pub fn text(self, value: f64) -> String {
         self.with_digits(value, self.digits())
     }
 
     /// A measurement and the limit that it exceeds as text, with enough digits to show the difference.
     #[must_use]
-    pub fn tell_both(self, measured: f64, limit: f64) -> (String, String) {
+    pub fn text_of_both(self, measured: f64, limit: f64) -> (String, String) {
         // Seventeen digits distinguish any two numbers of this size.
         let both = |digits| (self.with_digits(measured, digits), self.with_digits(limit, digits));
         (self.digits()..17).map(both).find(|(m, l)| m != l).unwrap_or_else(|| both(17))

@@ -26,7 +26,7 @@ fn finite<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::
 }
 
 pub(crate) fn of_a_check(check: &Check, outcome: &Outcome, measured: f64, limit: f64) -> Reason {
-    let (value, limit_text) = check.unit.tell_both(measured, limit);
+    let (value, limit_text) = check.unit.text_of_both(measured, limit);
     let text = format!("{} {value}{}, limit {limit_text}", check.name, (check.detail)(outcome));
     Reason { grade: check.grade, key: check.key, measured, limit, text }
 }
@@ -72,8 +72,8 @@ pub(crate) fn of_success(outcome: &Outcome, thresholds: &Thresholds) -> Reason {
     let recovering = outcome.tracking.as_ref().map(|tracking| tracking.recovering_m);
     let recovering = recovering.filter(|error_m| *error_m > measured);
     let recovering = recovering
-        .map_or(String::new(), |error_m| format!(" ({} while it recovered)", unit.tell(error_m)));
-    let (measured_text, limit_text) = (unit.tell(measured), unit.tell(limit));
+        .map_or(String::new(), |error_m| format!(" ({} while it recovered)", unit.text(error_m)));
+    let (measured_text, limit_text) = (unit.text(measured), unit.text(limit));
     let text =
         format!("flown {flown_s:.3} s, {name} {measured_text}{recovering}, limit {limit_text}");
     Reason { grade: Grade::Passed, key, measured, limit, text }

@@ -132,7 +132,7 @@ impl Table {
                 entry.amount,
                 entry.axis,
                 figure.at_s,
-                figure.challenge.words().replace(' ', "-"),
+                figure.challenge.description().replace(' ', "-"),
                 figure.measure,
                 figure.candidate,
                 figure.owner,

@@ -94,7 +94,7 @@ impl Peer {
         peer.send_line(&order)?;
         let reply = peer.read_line()?;
         if reply != READY {
-            return Err(BenchError::Peer(format!("said `{reply}` instead of `{READY}`")));
+            return Err(BenchError::Peer(format!("answered `{reply}` instead of `{READY}`")));
         }
         Ok(peer)
     }

@@ -33,7 +33,7 @@ pub enum BenchCommand {
 /// Where everything that is measured runs.
 #[derive(Debug, Clone, Args)]
 pub struct PlaceArguments {
-    /// Scheduling policy; without the right to it, other, and the result says so
+    /// Scheduling policy; without the right to it, other, and the result shows that
     #[arg(long, value_enum, default_value = "fifo")]
     pub policy: Policy,
     /// Priority of the slowest loops under the policy fifo; each faster rate has one more
@@ -57,7 +57,7 @@ impl Cpus {
 impl PlaceArguments {
     /// The same as arguments, for a flight in a process of its own.
     #[must_use]
-    pub fn words(&self) -> Vec<String> {
+    pub fn arguments(&self) -> Vec<String> {
         let mut arguments = vec![format!("--policy={}", self.policy.label())];
         arguments.push(format!("--priority={}", self.priority));
         if let Some(Cpus(cpus)) = &self.cpus {
@@ -76,7 +76,7 @@ impl PlaceArguments {
 
 /// A scenario as arguments, for a flight in a process of its own that lasts `usual` if no duration is given.
 #[must_use]
-pub fn scenario_words(scenario: &ScenarioArguments, usual: &str) -> Vec<String> {
+pub fn scenario_arguments(scenario: &ScenarioArguments, usual: &str) -> Vec<String> {
     let for_s = scenario.duration.map(|duration| format!("{}s", duration.as_secs_f64()));
     let mut arguments = vec![scenario.scenario.clone()];
     arguments.push(format!("--for={}", for_s.as_deref().unwrap_or(usual)));
@@ -176,7 +176,7 @@ pub enum TableFormat {
 /// Rates to be found out.
 #[derive(Debug, Clone, Args)]
 pub struct RateArguments {
-    /// The scenario; each flight of it takes 5s unless --for says otherwise.
+    /// The scenario; each flight of it takes 5s unless --for is given.
     #[command(flatten)]
     pub scenario: ScenarioArguments,
     /// Where.

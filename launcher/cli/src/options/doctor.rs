@@ -17,7 +17,7 @@ and changes no setting of the system. Ends with 0 if nothing fails, 3 otherwise.
 /// How to examine this machine.
 #[derive(Debug, Clone, Args)]
 pub struct DoctorArguments {
-    /// Remove what dead runs have left behind, and say so
+    /// Remove what dead runs have left behind, and list it
     #[arg(long)]
     pub fix: bool,
     /// Folder in which flights would be recorded

@@ -36,7 +36,7 @@ pub(super) fn grouped(command: Command) -> Command {
     }
     let template = format!(
         "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n{groups}\n{header}Options:{header:#}\n{{options}}\n\n\
-         `morphquad COMMAND --help` tells more, with examples.\n"
+         `morphquad COMMAND --help` shows more, with examples.\n"
     );
     command.help_template(template)
 }

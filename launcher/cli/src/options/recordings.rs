@@ -51,7 +51,7 @@ pub struct RecordingsShowArguments {
     /// The recording; the latest if left out
     #[arg(value_parser = RecordingName)]
     pub file: Option<PathBuf>,
-    /// Form of what is told
+    /// Form of the output
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,
 }

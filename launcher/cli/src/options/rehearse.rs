@@ -22,7 +22,7 @@ pub struct RehearseArguments {
     /// Instant of the flight at which the swap would be asked for
     #[arg(long, value_name = "TIME", value_parser = duration, default_value = "1s")]
     pub at: Duration,
-    /// Who would take over, for example `attitude=attitude-lqr`; behind it may stand ,config=FILE
+    /// Selection would take over, for example `attitude=attitude-lqr`; behind it may stand ,config=FILE
     #[arg(long, value_name = "SLOT=NAME", required_unless_present = "spec")]
     pub swap: Option<String>,
     /// Seed of everything random
@@ -32,7 +32,7 @@ pub struct RehearseArguments {
     /// Any key of the scenario, for example `rehearsal.owner_scale=2`
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Who fills a slot before, for example `attitude=attitude-lqr`
+    /// Selection fills a slot before, for example `attitude=attitude-lqr`
     #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
     pub controller: Vec<String>,
     /// Number of the swap within the run, from which the draws follow
@@ -44,11 +44,11 @@ pub struct RehearseArguments {
     /// Form of the verdict
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,
-    /// Rehearse what this file of JSON says, or standard input for `-`, and print the verdict as one line
+    /// Rehearse what this file of JSON describes, or standard input for `-`, and print the verdict as one line
     /// of JSON; ends when the process that started it does
     #[arg(long, value_name = "FILE", conflicts_with_all = ["swap", "seed", "set", "controller", "scenario_of"])]
     pub spec: Option<PathBuf>,
-    /// How much to stand back for other processes while it flies what `--spec` says
+    /// How much to stand back for other processes while it flies what `--spec` describes
     #[arg(long, value_name = "N", default_value_t = 0, requires = "spec")]
     #[arg(value_parser = clap::value_parser!(i32).range(0..=19))]
     pub nice: i32,

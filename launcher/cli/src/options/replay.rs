@@ -25,7 +25,7 @@ pub struct ReplayArguments {
     /// `attitude@1` for all that sat on seat 1, or `attitude-lqr@1`
     #[arg(long, value_name = "NAME")]
     pub service: Vec<String>,
-    /// Let another controller replay and say how far it departs: a service, or another build
+    /// Let another controller replay and show how far it departs: a service, or another build
     #[arg(long, group = "what", value_name = "EXE|NAME")]
     pub with: Option<String>,
     /// Any key of the scenario, for the controller that replays or from the branch on

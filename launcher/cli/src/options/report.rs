@@ -24,7 +24,7 @@ pub struct ReportArguments {
     #[arg(value_name = "FILE|DIR|SCENARIO")]
     #[arg(value_parser = ScenarioOr(RecordingName), hide_possible_values = true)]
     pub file: Option<PathBuf>,
-    /// Taken in so that a shell's `*.mcap` is told what to write instead.
+    /// Taken in so that a shell's `*.mcap` gets an answer that names what to write instead.
     #[arg(hide = true)]
     pub more: Vec<PathBuf>,
     /// Write it as one page, pictures in it

@@ -35,7 +35,7 @@ Examples:
   morphquad adopt 7f3a --record ./rescued
 
 When the launcher of a realtime flight dies, its processes fly on for launcher.launcher_grace_s, 30 s of the \
-flight unless the scenario says otherwise: as planned and ordered, warm fallbacks take over, and nothing is restarted. \
+flight unless the scenario sets another time: as planned and ordered, warm fallbacks take over, and nothing is restarted. \
 Then the vehicle lands, and they leave. This command leads the flight to its end, as `run` would have: restarts, orders, summary, and a recording from here \
 on. Ends as `run` does; 2 if it is not clear which run is meant, or it flies in lockstep, and 3 if a launcher \
 leads it, it never started, or it is of another build: the run then goes on as it was.";

@@ -63,7 +63,7 @@ pub struct ScenarioShowArguments {
     pub name: String,
 }
 
-/// What to tell of.
+/// What to describe.
 #[derive(Debug, Clone, Args)]
 pub struct ScenarioKeysArguments {
     /// A section, a key, the beginning of one, or else any part of it; all if left out

@@ -22,7 +22,7 @@ Examples:
   morphquad topic echo recordings/7f3a.mcap events
 
 Live, the launcher hands on copies of what it records: no loop has to do with it. A client that reads too slowly \
-loses samples and is told how many. With --field a line has the instant from which the sample is in effect, \
+loses samples and gets their number. With --field a line has the instant from which the sample is in effect, \
 then the values. Without --count it goes on to the end of the flight. \
 Ends with 2 for an unknown topic or file, or if no run or several are active.";
 
@@ -139,7 +139,7 @@ pub struct TopicHzArguments {
     pub format: Format,
 }
 
-/// What to tell about.
+/// What to describe.
 #[derive(Debug, Clone, Args)]
 pub struct TopicInfoArguments {
     /// Topics, or a recording

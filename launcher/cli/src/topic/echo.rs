@@ -6,7 +6,7 @@ use crate::refusal::{Done, Failure};
 use core::time::Duration;
 use host::exit;
 use protocol::topic::fields::{at, in_a_row, to_json, to_text};
-use protocol::topic::live::{Listening, Word};
+use protocol::topic::live::{Listening, Message};
 use protocol::topic::{schema, unpack};
 use record::Clock;
 use record::read::{RecordVisitor, RecordedEvent};
@@ -71,21 +71,21 @@ fn live(
     let time = (listening.flying().epoch_unix_ns, listening.flying().clock());
     while !echo.is_done() {
         match listening.next(MOMENT).map_err(refuse)? {
-            Word::Sample(topic, packed) => {
+            Message::Sample(topic, packed) => {
                 if let Some((header, fields)) = unpack(topic, &packed) {
                     echo.show(topic.name, &header, || fields);
                 }
             }
-            Word::Dropped(count) => {
+            Message::Dropped(count) => {
                 writeln!(diagnostics, "morphquad: {count} samples were left out, read too slowly")?;
             }
-            Word::Told(log) => {
+            Message::Log(log) => {
                 if let Ok(event) = RecordedEvent::decode(&log) {
                     echo.show_event(&event, time);
                 }
             }
-            Word::Nothing | Word::Ended(_) => echo.out.flush()?,
-            Word::Over => break,
+            Message::Nothing | Message::Ended(_) => echo.out.flush()?,
+            Message::Over => break,
         }
     }
     Ok(())

@@ -9,7 +9,7 @@ use figures::results::Table;
 use host::exit;
 use protocol::control::runs::Run;
 use protocol::topic::header;
-use protocol::topic::live::{Listening, Word};
+use protocol::topic::live::{Listening, Message};
 use protocol::topic::tally::{Counted, Tally};
 use record::read::RecordVisitor;
 use runtime::clock::mono_now_ns;
@@ -76,14 +76,14 @@ pub(super) fn listen(
     let elapsed = || Duration::from_nanos(mono_now_ns().saturating_sub(begin_ns));
     while let Some(left) = duration.checked_sub(elapsed()) {
         match listening.next(left).map_err(refuse)? {
-            Word::Sample(topic, packed) => {
+            Message::Sample(topic, packed) => {
                 if let Some(header) = header(&packed) {
                     tallies.entry(topic.name).or_default().count(&header);
                 }
             }
-            Word::Dropped(count) => dropped += count,
-            Word::Nothing | Word::Told(_) | Word::Ended(_) => {}
-            Word::Over => break,
+            Message::Dropped(count) => dropped += count,
+            Message::Nothing | Message::Log(_) | Message::Ended(_) => {}
+            Message::Over => break,
         }
     }
     Ok((tallies, dropped))

@@ -26,7 +26,7 @@ impl Deviations {
         (from_ns, at_ns): (u64, u64),
     ) -> Option<Difference> {
         let generation = tape.generation_at(role, at_ns);
-        let recorded = tape.told_by(role, generation, at_ns);
+        let recorded = tape.reported_by(role, generation, at_ns);
         let recorded = recorded.filter(|deviation| deviation.header.release_ns >= from_ns);
         let (mut recorded, mut repeated) =
             (recorded, self.0.iter().filter(|deviation| deviation.role == role));

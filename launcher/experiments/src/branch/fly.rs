@@ -32,7 +32,7 @@ pub fn run_branch(
     branched: Option<record::Branched>,
 ) -> Result<FlownBranch, RunError> {
     let begin = |mut sinks: Sinks| {
-        sinks.tell(branch.at_ns(), origin);
+        sinks.inform(branch.at_ns(), origin);
         branch.show_before(&mut sinks);
         let mut since = sinks.metrics.clone();
         since.judge_from_here();

@@ -7,14 +7,15 @@
 
 mod at;
 mod change;
+mod deviations;
 mod fly;
 pub mod sweep;
-mod told;
 
 pub use at::At;
 pub use change::{Change, ChangeError};
 pub use fly::{FlownBranch, run_branch};
 
+use deviations::Deviations;
 use miette::Diagnostic;
 use observe::Observer;
 use runtime::graph::CREDIT_NS;
@@ -25,7 +26,6 @@ use simulate::in_process::{
 };
 use std::sync::Arc;
 use thiserror::Error;
-use told::Deviations;
 
 /// A recorded flight, ready to go on from one instant.
 #[derive(Debug)]
@@ -83,7 +83,7 @@ pub enum BranchError {
     /// Slots changed hands by orders, or in time with the wall.
     #[error("slots change hands in this flight, and not by a script in lockstep alone")]
     #[diagnostic(help(
-        "fly it again with --swap and --fault at the instants that its summary tells, with --clock \
+        "fly it again with --swap and --fault at the instants in its summary, with --clock \
          lockstep, and branch from that recording"
     ))]
     NoScript,
@@ -105,7 +105,7 @@ const REALTIME: &str = "a realtime flight with misses cannot be repeated in lock
                         another instant, or from a lockstep recording";
 /// Why any other may not.
 const OTHER_BUILD: &str = "the recording was changed or is of a build that flies otherwise: \
-                           `morphquad replay FILE --verify` says where";
+                           `morphquad replay FILE --verify` shows where";
 
 impl Branch {
     /// Takes a flight up at `at`; not `complete` if its recording ends early.

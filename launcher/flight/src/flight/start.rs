@@ -176,7 +176,7 @@ impl Flight {
             tap: Tap::open(&bus, &graph, sinks)?,
             conductor,
             timed,
-            announcements: options.scenario.timing().unwrap_or_default().to_tell(),
+            announcements: options.scenario.timing().unwrap_or_default().announcements(),
             asked: Vec::new(),
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,

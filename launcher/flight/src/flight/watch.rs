@@ -120,7 +120,7 @@ impl Flight {
             return;
         }
         let text = format!(
-            "this launcher stood still for {:.1} s, stopped or without a processor: what was said meanwhile may not be \
+            "this launcher stood still for {:.1} s, stopped or without a processor: what was published meanwhile may not be \
              in the recording, and no process could be started again",
             s_from_ns(stood_ns)
         );

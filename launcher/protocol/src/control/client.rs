@@ -87,7 +87,7 @@ impl Conversation {
     ///
     /// # Errors
     /// The launcher sends nothing, leaves, or sends what is no reply.
-    pub fn hear(&mut self) -> Result<Reply, AskError> {
+    pub fn receive(&mut self) -> Result<Reply, AskError> {
         let mut line = Vec::new();
         let mut bounded = self.reader.by_ref().take(REPLY_BYTES);
         match bounded.read_until(b'\n', &mut line) {

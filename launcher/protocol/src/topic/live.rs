@@ -31,20 +31,20 @@ pub enum ListenError {
     Refused(String),
     /// Its answer has another form.
     #[error(
-        "run {run} says what this build does not understand: ask with the executable that flies"
+        "run {run} sends what this build does not understand: ask with the executable that flies"
     )]
     NotUnderstood { run: String },
 }
 
 /// Something received.
 #[derive(Debug, Clone)]
-pub enum Word {
+pub enum Message {
     /// A packed sample.
     Sample(&'static TopicInfo, Vec<u8>),
     /// So many were not sent, because the client did not read fast enough.
     Dropped(u64),
     /// Something that happened, as `foxglove.Log`.
-    Told(Vec<u8>),
+    Log(Vec<u8>),
     /// How the flight has ended.
     Ended(Ending),
     /// Nothing within the time given.
@@ -115,12 +115,12 @@ impl Listening {
     ///
     /// # Errors
     /// The launcher sends what is no sample.
-    pub fn next(&mut self, patience: Duration) -> Result<Word, ListenError> {
+    pub fn next(&mut self, patience: Duration) -> Result<Message, ListenError> {
         let not_understood = || ListenError::NotUnderstood { run: self.run.clone() };
         // A time of zero would be none at all.
         let patience = patience.max(Duration::from_micros(100));
         if self.reader.get_ref().set_read_timeout(Some(patience)).is_err() {
-            return Ok(Word::Over);
+            return Ok(Message::Over);
         }
         if let Some(end) = fill(&mut self.reader, &mut self.partial, 6) {
             return Ok(end);
@@ -139,36 +139,36 @@ impl Listening {
         match topic {
             DROPPED => {
                 let count = packed.try_into().map(u64::from_le_bytes);
-                return count.map(Word::Dropped).map_err(|_| not_understood());
+                return count.map(Message::Dropped).map_err(|_| not_understood());
             }
-            LOG => return Ok(Word::Told(packed)),
+            LOG => return Ok(Message::Log(packed)),
             ENDED => {
                 let ending = serde_json::from_slice(&packed);
-                return ending.map(Word::Ended).map_err(|_| not_understood());
+                return ending.map(Message::Ended).map_err(|_| not_understood());
             }
             _ => {}
         }
         let topic = topics::all().get(usize::from(topic)).copied().ok_or_else(not_understood)?;
-        Ok(Word::Sample(topic, packed))
+        Ok(Message::Sample(topic, packed))
     }
 }
 
 /// Reads until `partial` has `length` bytes; otherwise what ended it before.
-fn fill(reader: &mut impl io::Read, partial: &mut Vec<u8>, length: usize) -> Option<Word> {
+fn fill(reader: &mut impl io::Read, partial: &mut Vec<u8>, length: usize) -> Option<Message> {
     while partial.len() < length {
         let missing = length - partial.len();
         let mut chunk = [0; 8192];
         let room = missing.min(chunk.len());
         match reader.read(&mut chunk[..room]) {
-            Ok(0) => return Some(Word::Over),
+            Ok(0) => return Some(Message::Over),
             Ok(count) => partial.extend_from_slice(&chunk[..count]),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error)
                 if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) =>
             {
-                return Some(Word::Nothing);
+                return Some(Message::Nothing);
             }
-            Err(_) => return Some(Word::Over),
+            Err(_) => return Some(Message::Over),
         }
     }
     None

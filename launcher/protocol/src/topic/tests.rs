@@ -1,7 +1,7 @@
 //! Both ends of the feed, on a socket of their own.
 
 use super::feed::{Ending, Feed, Flying};
-use super::live::{Listening, Word};
+use super::live::{Listening, Message};
 use super::{SOCKET, header, known, place, schema, unpack};
 use crate::control::runs::Run;
 use core::time::Duration;
@@ -44,10 +44,10 @@ impl Flight {
 fn next(listening: &mut Listening) -> (&'static str, u64) {
     for _ in 0..500 {
         match listening.next(MOMENT).unwrap() {
-            Word::Sample(topic, packed) => {
+            Message::Sample(topic, packed) => {
                 return (topic.name, header(&packed).unwrap().sequence);
             }
-            Word::Nothing => {}
+            Message::Nothing => {}
             word => panic!("{word:?}"),
         }
     }
@@ -66,9 +66,9 @@ fn who_listens_gets_the_topics_asked_for_in_order_and_nothing_else() {
     assert_eq!([next(&mut one), next(&mut one)], [("imu", 2), ("imu", 3)]);
     let received = [next(&mut both), next(&mut both), next(&mut both)];
     assert_eq!(received, [("imu", 2), ("truth", 0), ("imu", 3)]);
-    assert!(matches!(one.next(MOMENT).unwrap(), Word::Nothing));
+    assert!(matches!(one.next(MOMENT).unwrap(), Message::Nothing));
     drop(flight.feed);
-    assert!(matches!(one.next(MOMENT).unwrap(), Word::Over));
+    assert!(matches!(one.next(MOMENT).unwrap(), Message::Over));
     assert!(!flight.folder.path().join(SOCKET).exists());
 }
 
@@ -82,8 +82,8 @@ fn a_slow_client_loses_samples_is_told_how_many_and_holds_up_no_other() {
     }
     while got + dropped < sent {
         match slow.next(Duration::from_secs(5)).unwrap() {
-            Word::Sample(..) => got += 1,
-            Word::Dropped(count) => dropped += count,
+            Message::Sample(..) => got += 1,
+            Message::Dropped(count) => dropped += count,
             word => panic!("{word:?} after {got} and {dropped} of {sent}"),
         }
     }
@@ -108,9 +108,9 @@ fn what_is_told_reaches_a_listener_that_has_lost_samples_by_then() {
     }
     while events < rounds || dropped == 0 {
         match slow.next(Duration::from_secs(5)).unwrap() {
-            Word::Told(_) => events += 1,
-            Word::Dropped(count) => dropped += count,
-            Word::Sample(..) => {}
+            Message::Log(_) => events += 1,
+            Message::Dropped(count) => dropped += count,
+            Message::Sample(..) => {}
             word => panic!("{word:?} after {events} of {rounds} and {dropped} dropped"),
         }
     }
@@ -129,11 +129,11 @@ fn the_end_reaches_a_listener_that_is_far_behind_when_the_flight_is_over() {
     let closing = std::thread::spawn(move || drop(flight));
     let last = loop {
         match slow.next(Duration::from_secs(5)).unwrap() {
-            Word::Sample(..) | Word::Dropped(_) => {}
+            Message::Sample(..) | Message::Dropped(_) => {}
             word => break word,
         }
     };
-    assert!(matches!(&last, Word::Ended(ended) if *ended == ending), "{last:?}");
+    assert!(matches!(&last, Message::Ended(ended) if *ended == ending), "{last:?}");
     closing.join().unwrap();
 }
 
@@ -214,11 +214,12 @@ fn what_is_told_and_the_end_come_only_to_clients_that_want_everything() {
     let mut received = Vec::new();
     while received.len() < 3 {
         match all.next(MOMENT).unwrap() {
-            Word::Nothing => {}
+            Message::Nothing => {}
             word => received.push(word),
         }
     }
-    let [Word::Told(log), Word::Sample(topic, _), Word::Ended(ended)] = &received[..] else {
+    let [Message::Log(log), Message::Sample(topic, _), Message::Ended(ended)] = &received[..]
+    else {
         panic!("{received:?}");
     };
     assert_eq!((topic.name, ended), ("imu", &ending));
@@ -229,8 +230,8 @@ fn what_is_told_and_the_end_come_only_to_clients_that_want_everything() {
     drop(feed);
     loop {
         match some.next(MOMENT).unwrap() {
-            Word::Nothing => {}
-            Word::Over => break,
+            Message::Nothing => {}
+            Message::Over => break,
             word => panic!("{word:?}"),
         }
     }

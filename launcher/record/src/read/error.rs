@@ -106,7 +106,7 @@ pub enum ReadError {
         free: u64,
     },
     /// A record that is no message of its type.
-    #[error("{}: a record on {topic} is not what its type says: {error}", path.display())]
+    #[error("{}: a record on {topic} is not what its type describes: {error}", path.display())]
     Record {
         /// The file.
         path: PathBuf,

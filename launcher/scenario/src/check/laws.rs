@@ -23,7 +23,7 @@ impl Checker<'_> {
     pub(super) fn attitude(&mut self) {
         let law = self.settings().attitude_mpc;
         if law.horizon_s.is_some() && law.prediction_horizon.is_some() {
-            let what = "says the same as attitude_mpc.prediction_horizon";
+            let what = "sets the same as attitude_mpc.prediction_horizon";
             self.error("attitude_mpc.horizon_s", what, "keep one of the two");
         }
         if law.control_horizon.is_some() && law.prediction_horizon.is_none() {

@@ -63,7 +63,8 @@ impl Checker<'_> {
             && self.settings().start.at_s <= 0.0
             && (first_deg - start_deg).abs() > 1e-9
         {
-            let what = format!("the arms start at {start_deg} degrees and are told {first_deg}");
+            let what =
+                format!("the arms start at {start_deg} degrees and are ordered to {first_deg}");
             self.warn("pilot.morph[0]", what, "let it equal start.morph_angle_deg");
         }
         built.unwrap_or_else(|error| {

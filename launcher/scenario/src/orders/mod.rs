@@ -6,9 +6,9 @@
 //! reached: a reference leaves its plan smoothly from wherever it is by then.
 
 mod planner;
+mod sentences;
 #[cfg(test)]
 mod tests;
-mod words;
 
 pub use planner::{OrderReport, Planned, Planner, RefusedOrder, Sent};
 

@@ -21,7 +21,7 @@ impl Override {
             return of_file(&shown, argument);
         }
         let Some(entry) = entry_of(argument) else {
-            let what = "says not what happens to which loop or topic when";
+            let what = "lacks what happens to which loop or topic when";
             return Err(refusal("--timing", &shown, what, TIMING_FORM));
         };
         Ok(Self::entry(shown, "timing", &entry))

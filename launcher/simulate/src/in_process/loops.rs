@@ -12,7 +12,7 @@ use runtime::{Component, Executor, Graph, Node, Place};
 use shared_types::{Header, Role, Seat};
 use std::rc::Rc;
 use swap::PostEvent;
-use timing::Who;
+use timing::LoopName;
 
 /// Shows states to the observer.
 struct StateTap {
@@ -151,8 +151,8 @@ impl Loop {
     }
 
     /// What a script of times may name.
-    pub(super) fn who(&self) -> Who<'_> {
-        Who { role: self.place.role, name: &self.name }
+    pub(super) fn loop_name(&self) -> LoopName<'_> {
+        LoopName { role: self.place.role, name: &self.name }
     }
 
     pub(super) fn flies(&self) -> bool {

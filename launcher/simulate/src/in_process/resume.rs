@@ -40,7 +40,7 @@ impl Kernel {
     pub fn repeat(&mut self, tape: &Tape, t_ns: u64) {
         for l in &mut self.loops {
             let generation = tape.generation_at(l.node.role, t_ns);
-            l.course = Course::new(l.node.rate, tape.told_by(l.node.role, generation, t_ns));
+            l.course = Course::new(l.node.rate, tape.reported_by(l.node.role, generation, t_ns));
             l.course.prepare(&mut *l.stepper);
             self.marks.advance(l.place, l.generation, l.stepper.next_ns());
         }

@@ -118,7 +118,7 @@ impl Tape {
     }
 
     /// What one life of a role's process reported about its steps before `t_ns`.
-    pub fn told_by(
+    pub fn reported_by(
         &self,
         role: Role,
         generation: u32,

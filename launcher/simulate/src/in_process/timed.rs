@@ -12,7 +12,7 @@ use runtime::timed::{self, Around, START_MONO_NS, TimedLoop};
 use shared_types::Seat;
 use std::rc::Rc;
 use swap::FAULT;
-use timing::{Agenda, Answer, Script, ToTell, Turn, TurnKind};
+use timing::{Agenda, Announcements, Answer, Script, Turn, TurnKind};
 
 /// The clock, and which loop has its turn when.
 pub(super) struct TimedClock {
@@ -23,7 +23,7 @@ pub(super) struct TimedClock {
     loops: [Option<TimedLoop>; Seat::COUNT],
     wall: WallMap,
     now_mono_ns: u64,
-    announcements: ToTell,
+    announcements: Announcements,
     observer: Rc<dyn ErasedObserver>,
 }
 
@@ -47,7 +47,7 @@ fn number(l: &Loop) -> usize {
 impl TimedClock {
     /// Before the first turn.
     pub(super) fn new(script: Script, observer: Rc<dyn ErasedObserver>) -> Self {
-        let announcements = script.to_tell();
+        let announcements = script.announcements();
         let script = Rc::new(script.on_clock(START_MONO_NS));
         Self {
             delays: Rc::new(Delays::new(Rc::clone(&script))),
@@ -140,7 +140,7 @@ impl TimedClock {
         flying.marks.advance(place, generation, mark_ns);
         for role in flying.graph.wakes(place.role, before_ns, mark_ns) {
             for l in flying.loops.iter().filter(|l| l.node.role == role) {
-                let woken_ns = self.script.woken_ns(l.who(), at_ns, l.stepper.next_ns());
+                let woken_ns = self.script.woken_ns(l.loop_name(), at_ns, l.stepper.next_ns());
                 if let Some(at_ns) = woken_ns {
                     self.agenda.wake(number(l), at_ns);
                 }

@@ -120,7 +120,7 @@ pub(super) fn fly_tripped<E: Observer>(
         }
         Some(_) => Ok(()),
         None if has_tripped => {
-            Err(failed("it said nothing more after a position controller had tripped"))
+            Err(failed("it reported nothing more after a position controller had tripped"))
         }
         None => Err(not_rehearsed("the position controller that was to trip has not")),
     }

@@ -86,7 +86,7 @@ pub fn page(findings: &[Findings]) -> String {
     let remarks = findings.iter().flat_map(|found| &found.sections).flat_map(|s| &s.remarks);
     let unmatched: Vec<_> = remarks.filter_map(|remark| remark.strip_prefix(NOT_MATCHED)).collect();
     let verdict = format!(
-        "{held} of {} claims that are checked hold; of {} more it is said below why they cannot be matched.",
+        "{held} of {} claims that are checked hold; of {} more the reasons are below why they cannot be matched.",
         checks().count(),
         unmatched.len()
     );

@@ -156,7 +156,7 @@ impl Counter {
         if self.open_secret.is(shown) && asked.is_by_own_user() {
             return Answer::see_other(format!("/#token={}", self.token.as_str()));
         }
-        let reason = "the system does not say that this browser is yours: open the address that the terminal shows";
+        let reason = "the system does not show that this browser is yours: open the address that the terminal shows";
         Answer::refusal(StatusCode::FORBIDDEN, reason)
     }
 
@@ -261,7 +261,7 @@ impl Counter {
         let mut conversation = Conversation::ask(&self.run, request)?;
         let mut replies = Vec::new();
         loop {
-            replies.push(conversation.hear()?);
+            replies.push(conversation.receive()?);
             if replies.last().is_some_and(Reply::is_last) {
                 return Ok(replies);
             }

@@ -22,7 +22,7 @@ use protocol::control::runs::Run;
 use protocol::control::status::RunStatus;
 use protocol::control::{Reply, Request};
 use protocol::topic::feed::Ending;
-use protocol::topic::live::{ListenError, Listening, Word};
+use protocol::topic::live::{ListenError, Listening, Message};
 pub use restart::Place;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::namespace::living_runs;
@@ -227,18 +227,18 @@ impl LiveServer {
                 }
             }
             match self.listening.next(MOMENT)? {
-                Word::Sample(topic, packed) => self.sample(topic, &packed),
-                Word::Told(log) => {
+                Message::Sample(topic, packed) => self.sample(topic, &packed),
+                Message::Log(log) => {
                     self.viewers.log(&log);
                     self.shared.picture().log(&log);
                 }
-                Word::Dropped(count) => self.shared.picture().dropped(count),
-                Word::Nothing => {}
-                Word::Ended(ending) => {
+                Message::Dropped(count) => self.shared.picture().dropped(count),
+                Message::Nothing => {}
+                Message::Ended(ending) => {
                     self.finish(ending);
                     return Ok(None);
                 }
-                Word::Over => {
+                Message::Over => {
                     let Some(listening) = self.successor(end) else {
                         let text = "its launcher has died, and no other has taken over";
                         self.finish(Ending { is_good: false, text: text.to_owned() });
@@ -339,7 +339,7 @@ fn watch(
 }
 
 fn status(run: &Run) -> Option<RunStatus> {
-    let reply = Conversation::ask(run, &Request::Ps).and_then(|mut asked| asked.hear());
+    let reply = Conversation::ask(run, &Request::Ps).and_then(|mut asked| asked.receive());
     match reply {
         Ok(Reply::Status(status)) => Some(status),
         _ => None,

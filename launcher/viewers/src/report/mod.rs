@@ -4,22 +4,22 @@
 //! Numbers come from the samples in the file, not from the flight's own summary: `observe.rs` goes
 //! through them, `numbers.rs` puts them beside the limits of the verdict, `response.rs` looks at what
 //! followed each disturbance, swap and fault, `orders.rs` at what became of each order (of a move of the
-//! reference by `pursuits.rs`), `pictures.rs` draws, `told.rs` writes it down.
+//! reference by `pursuits.rs`), `pictures.rs` draws, `render.rs` writes it down.
 
 mod numbers;
 mod observe;
 mod orders;
 mod pictures;
 mod pursuits;
+mod render;
 mod response;
-mod told;
 
 pub use numbers::Number;
 pub(crate) use observe::Observed;
 pub use orders::Ordered;
 pub use pictures::pictures;
+pub use render::{Folder, document};
 pub use response::Response;
-pub use told::{Folder, document};
 
 use crate::trace::{self, trace};
 use crate::view::{Gathered, ViewError, gather};

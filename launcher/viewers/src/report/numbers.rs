@@ -71,7 +71,7 @@ impl Numbers<'_> {
     fn describe(&self, fact: &Fact, value: f64) -> String {
         let check = CHECKS.iter().find(|check| Some(check.key) == fact.check && value > 0.0);
         let detail = check.map(|check| (check.detail)(&self.observed.outcome));
-        fact.told(value) + &detail.unwrap_or_default()
+        fact.text_with_unit(value) + &detail.unwrap_or_default()
     }
 
     /// The limit of a check, and whether it is kept.
@@ -81,7 +81,7 @@ impl Numbers<'_> {
         let limit = verdict.thresholds().limit(key)?;
         let holds = verdict.reasons().iter().all(|reason| reason.key != key || verdict.passed());
         let gate = if limit > 0.0 {
-            format!("at most {}", check.unit.tell(limit))
+            format!("at most {}", check.unit.text(limit))
         } else {
             "0".to_owned()
         };
@@ -144,7 +144,7 @@ fn of_flight(
     numbers: &mut Numbers<'_>,
 ) {
     let metrics = &observed.metrics;
-    numbers.report(("ended", "ended"), observe::told_end(&observed.outcome.end));
+    numbers.report(("ended", "ended"), observe::describe_end(&observed.outcome.end));
     let planned_s = flight.scenario().duration_ns() as f64 * 1e-9;
     numbers.report(("planned_s", "planned"), format!("{planned_s:.3} s"));
     numbers.facts(Part::Flight);

@@ -4,7 +4,7 @@ use super::AuditRow;
 use super::pursuits::Pursuits;
 use ::verdict::{End, Outcome, Verdict};
 use observe::{
-    ENDED, FLOWN_NS, Facts, FlightHash, LogHash, Metrics, kept_hash, read_end, told_end,
+    ENDED, FLOWN_NS, Facts, FlightHash, LogHash, Metrics, describe_end, kept_hash, read_end,
 };
 use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
 use record::{SequenceAudit, Stream, name_gaps};
@@ -120,7 +120,7 @@ impl Observed {
         let mut measured = self.facts.to_json();
         measured.insert("hash".to_owned(), self.flight_hash.clone().into());
         measured.insert("log_hash".to_owned(), self.log_hash.clone().into());
-        measured.insert(ENDED.to_owned(), told_end(&self.outcome.end).into());
+        measured.insert(ENDED.to_owned(), describe_end(&self.outcome.end).into());
         measured
     }
 

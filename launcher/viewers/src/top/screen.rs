@@ -8,7 +8,7 @@ use protocol::control::client::{AskError, Conversation};
 use protocol::control::runs::Run;
 use protocol::control::status::RunStatus;
 use protocol::control::{Reply, Request};
-use protocol::topic::live::{ListenError, Listening, Word};
+use protocol::topic::live::{ListenError, Listening, Message};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use runtime::clock::mono_now_ns;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -49,10 +49,10 @@ impl GaugeReader {
                 let message = listening.next(Duration::from_millis(100));
                 let mut received = into.lock().unwrap_or_else(PoisonError::into_inner);
                 match message {
-                    Ok(Word::Sample(topic, packed)) => received.0.take(topic, &packed),
-                    Ok(Word::Dropped(count)) => received.1 += count,
-                    Ok(Word::Nothing | Word::Told(_) | Word::Ended(_)) => {}
-                    Ok(Word::Over) | Err(_) => return,
+                    Ok(Message::Sample(topic, packed)) => received.0.take(topic, &packed),
+                    Ok(Message::Dropped(count)) => received.1 += count,
+                    Ok(Message::Nothing | Message::Log(_) | Message::Ended(_)) => {}
+                    Ok(Message::Over) | Err(_) => return,
                 }
             }
         });
@@ -83,7 +83,7 @@ impl Drop for GaugeReader {
 /// # Errors
 /// Its launcher does not answer.
 pub fn status_of(run: &Run) -> Result<RunStatus, AskError> {
-    match Conversation::ask(run, &Request::Ps)?.hear()? {
+    match Conversation::ask(run, &Request::Ps)?.receive()? {
         Reply::Status(status) => Ok(status),
         _ => Err(AskError::Ended { run: run.id().to_owned() }),
     }

@@ -46,7 +46,7 @@ pub enum Broken {
     #[error("descends from imu {0}, which is not in the file")]
     ImuMissing(u64),
     /// Command and estimate disagree.
-    #[error("says that it descends from imu {stated}; its state_estimate descends from imu {is}")]
+    #[error("claims to descend from imu {stated}; its state_estimate descends from imu {is}")]
     Contradiction {
         /// The cause that the command states.
         stated: u64,

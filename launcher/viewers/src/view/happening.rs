@@ -110,7 +110,7 @@ impl Owners {
 
 /// Sets the end of each happening that a timing script causes, at most to the end of the flight.
 pub(super) fn end(happenings: &mut [Happening], script: &Script, until_s: f64) {
-    for (window, text) in script.told() {
+    for (window, text) in script.announced() {
         let text = format!("{FAULT}{text}");
         let matching = happenings.iter_mut().filter(|h| h.text == text && h.until_s.is_none());
         for happening in matching.take(1) {
