@@ -11,9 +11,9 @@ Examples:
   morphquad recover cut.mcap --out whole.mcap
 
 What a recorder that was killed, or a full disk, has left is read as it is by every command. This writes \
-it once more with the index that viewers want and an audit of what is there; the file says that it is \
+it once more with the index that viewers want and an audit of what is there; the file is marked as \
 recovered. Of a damaged file it keeps every part whose checksum \
-fits, and says what is left out. \
+fits, and reports what is left out. \
 Ends with 0; 2 if the file is complete, or nothing in it can be read; 3 if the new one cannot be written.";
 
 /// A cut recording.

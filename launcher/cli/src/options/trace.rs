@@ -12,7 +12,7 @@ Examples:
   morphquad trace recordings/7f3a.mcap --command 1234 --seat 1 --format json
 
 Every wrench command is followed back to the IMU sample that it descends from, by what the headers in the \
-recording say; host stamps tell where the time in between went. Latencies begin at the instant at which the \
+recording contain; host stamps show where the time in between went. Latencies begin at the instant at which the \
 IMU sample was due. Ends with 0 if every command traces, 1 if one does not or the file is cut, 2 for a \
 command that is not in the file, and for a file that cannot be read or is not a recording.";
 
