@@ -44,7 +44,7 @@ fn left_by(pid: u32) -> Vec<PathBuf> {
     paths.collect()
 }
 
-/// Processes that have been told that this one is their launcher.
+/// Processes whose arguments name this one as their launcher.
 fn led_by(pid: u32) -> Vec<Process> {
     let pid = pid.to_string();
     let leads = |p: &Process| {
@@ -68,15 +68,15 @@ fn an_executable_that_takes_over_makes_the_flight_of_the_processes() {
         flight.extend(swaps_of_position.iter().flat_map(|swap| ["--swap", *swap]));
         let processes = fly(&flight);
         let alone = fly(&[&flight[..], &["--in-process"]].concat());
-        assert_eq!(swaps(&processes)[0]["done"], true, "{}", processes.said());
-        assert_eq!(alone.code, processes.code, "{}", alone.said());
+        assert_eq!(swaps(&processes)[0]["done"], true, "{}", processes.output_text());
+        assert_eq!(alone.code, processes.code, "{}", alone.output_text());
         assert_eq!(swaps(&alone), swaps(&processes));
-        assert_eq!(alone.hash(), processes.hash(), "{}", alone.said());
-        assert_eq!(alone.word("log_hash"), processes.word("log_hash"), "{}", alone.said());
+        assert_eq!(alone.hash(), processes.hash(), "{}", alone.output_text());
+        assert_eq!(alone.text("log_hash"), processes.text("log_hash"), "{}", alone.output_text());
     }
 }
 
-/// When the launcher hears of it must not matter.
+/// When the launcher is notified of it must not matter.
 #[test]
 fn an_executable_that_fails_after_its_window_makes_one_flight_however_it_is_run() {
     let _alone = alone();
@@ -88,14 +88,14 @@ fn an_executable_that_fails_after_its_window_makes_one_flight_however_it_is_run(
         let flight = ["figure8-morph", "--for", "4s", "--swap", &swap];
         let first = fly(&flight);
         let outcome = swaps(&first)[0]["outcome"].as_str().unwrap_or_default();
-        assert!(outcome.starts_with("taken back: "), "{what}: {}", first.said());
+        assert!(outcome.starts_with("taken back: "), "{what}: {}", first.output_text());
         for more in [&[][..], &["--in-process"]] {
             let again = fly(&[&flight[..], more].concat());
-            assert_eq!(again.hash(), first.hash(), "{what} {more:?}: {}", again.said());
-            assert_eq!(swaps(&again), swaps(&first), "{what}: {}", again.said());
+            assert_eq!(again.hash(), first.hash(), "{what} {more:?}: {}", again.output_text());
+            assert_eq!(swaps(&again), swaps(&first), "{what}: {}", again.output_text());
             if what == "not-a-number" {
-                let [again_log, first_log] = [&again, &first].map(|flown| flown.word("log_hash"));
-                assert_eq!(again_log, first_log, "{more:?}: {}", again.said());
+                let [again_log, first_log] = [&again, &first].map(|flown| flown.text("log_hash"));
+                assert_eq!(again_log, first_log, "{more:?}: {}", again.output_text());
             }
         }
     }
@@ -129,8 +129,8 @@ fn fly_watched<O: Observer, R>(
             .expect("a flight");
     flight.fly_until(u64::MAX).expect("it is flown");
     flight.finish();
-    let told = flight.conclude();
-    (flight.seen(look), told)
+    let conclusion = flight.conclude();
+    (flight.seen(look), conclusion)
 }
 
 const SWAPS: [&str; 4] = [
@@ -148,12 +148,12 @@ fn as_processes(mut outside: Outside) -> Outside {
 #[test]
 fn services_as_processes_and_as_loops_of_the_thread_make_one_flight() {
     let _alone = alone();
-    let (within, told_within) = fly_here(&SWAPS, |outside| outside);
-    let (as_processes, told) = fly_here(&SWAPS, as_processes);
-    assert_eq!(told_within.swaps.len(), 3);
-    assert_eq!(format!("{:?}", told.swaps), format!("{:?}", told_within.swaps));
+    let (within, conclusion_within) = fly_here(&SWAPS, |outside| outside);
+    let (as_processes, conclusion) = fly_here(&SWAPS, as_processes);
+    assert_eq!(conclusion_within.swaps.len(), 3);
+    assert_eq!(format!("{:?}", conclusion.swaps), format!("{:?}", conclusion_within.swaps));
     assert_eq!(as_processes, within);
-    assert_eq!(told.exits, []);
+    assert_eq!(conclusion.exits, []);
 }
 
 #[test]
@@ -207,23 +207,23 @@ fn a_process_that_is_killed_leaves_no_trace_as_owner_and_is_named_as_candidate()
         let killer = Killer { at_ns, hash: FlightHash::default(), killed: false };
         fly_watched(&swap, as_processes, killer, |seen| (seen.hash.hex(), seen.killed))
     };
-    let ((hash, killed), told) = kill_at(2_503_000_000);
+    let ((hash, killed), conclusion) = kill_at(2_503_000_000);
     assert!(killed);
-    assert_eq!(hash, expected, "{told:?}");
-    assert_eq!(told.recovered, 1);
-    assert!(told.swaps[0].done, "{told:?}");
-    let exit = &told.exits[0];
+    assert_eq!(hash, expected, "{conclusion:?}");
+    assert_eq!(conclusion.recovered, 1);
+    assert!(conclusion.swaps[0].done, "{conclusion:?}");
+    let exit = &conclusion.exits[0];
     assert_eq!((exit.name.as_str(), exit.how.as_str()), ("attitude-lqr", "killed by signal 9"));
     assert_eq!(exit.at_ns, 2_510_000_000);
-    let ((_, killed), told) = kill_at(1_003_000_000);
-    assert!(killed && !told.swaps[0].done, "{told:?}");
-    assert_eq!(told.exits[0].at_ns, 1_010_000_000);
-    assert_eq!(told.recovered, 0);
+    let ((_, killed), conclusion) = kill_at(1_003_000_000);
+    assert!(killed && !conclusion.swaps[0].done, "{conclusion:?}");
+    assert_eq!(conclusion.exits[0].at_ns, 1_010_000_000);
+    assert_eq!(conclusion.recovered, 0);
     assert!(led_by(std::process::id()).is_empty());
 }
 
 /// Each in turn in one flight: what the candidate does from when in its shadow on, how much of it, and
-/// what is said of it.
+/// what is reported of it.
 type Misdeed = (&'static str, f64, f64, &'static str);
 
 const MISDEEDS: [Misdeed; 4] = [
@@ -262,15 +262,15 @@ fn assert_without_effect(misdeeds: &[Misdeed], limits: &[&str]) {
     let flags = plan.iter().flat_map(|swap| ["--swap", swap]);
     let limits = limits.iter().flat_map(|limit| ["--set", *limit]);
     let flown = fly(&scenario.into_iter().chain(limits).chain(flags).collect::<Vec<_>>());
-    assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.said());
-    assert_eq!(swaps(&flown).len(), misdeeds.len(), "{}", flown.said());
-    for (report, (what, _, _, words)) in swaps(&flown).iter().zip(misdeeds) {
+    assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.output_text());
+    assert_eq!(swaps(&flown).len(), misdeeds.len(), "{}", flown.output_text());
+    for (report, (what, _, _, reason)) in swaps(&flown).iter().zip(misdeeds) {
         let outcome = report["outcome"].as_str().unwrap_or_default();
         assert_eq!((&report["done"], &report["flipped_s"]), (&false.into(), &Value::Null));
-        let told = outcome.contains(words) || flown.stderr.contains(words);
-        assert!(told, "{what}: {outcome}\n{}", flown.stderr);
+        let is_named = outcome.contains(reason) || flown.stderr.contains(reason);
+        assert!(is_named, "{what}: {outcome}\n{}", flown.stderr);
     }
-    assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
+    assert_eq!(flown.hash(), expected.hash(), "{}", flown.output_text());
 }
 
 #[test]
@@ -287,7 +287,7 @@ fn a_process_that_hangs_neither_ends_nor_changes_the_flight_and_is_named() {
     }
 }
 
-/// A script that is no controller: what it says last is told, whatever it was.
+/// A script that is no controller: its last lines on stderr are reported, whatever they are.
 #[test]
 fn the_last_words_of_an_executable_that_ends_are_told() {
     let _alone = alone();
@@ -300,10 +300,10 @@ fn the_last_words_of_an_executable_that_ends_are_told() {
         make_executable(&path, format!("#!/bin/sh\n{text}\n").as_bytes());
         let swap = format!("attitude={}@300ms,shadow=100ms", path.display());
         let flown = fly(&["hover", "--for", "1s", "--no-record", "--in-process", "--swap", &swap]);
-        assert_eq!(swaps(&flown)[0]["done"], false, "{}", flown.said());
-        let said = format!("stumbles ended before it was ready {how}, its last words:");
-        assert!(flown.stderr.contains(&said), "{}", flown.said());
-        assert!(flown.stderr.contains("ValueError: no gains"), "{}", flown.said());
+        assert_eq!(swaps(&flown)[0]["done"], false, "{}", flown.output_text());
+        let expected = format!("stumbles ended before it was ready {how}, its last words:");
+        assert!(flown.stderr.contains(&expected), "{}", flown.output_text());
+        assert!(flown.stderr.contains("ValueError: no gains"), "{}", flown.output_text());
     }
 }
 

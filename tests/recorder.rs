@@ -88,13 +88,13 @@ fn whatever_fits_the_rings_is_recorded_at_any_rate_and_what_does_not_is_named() 
         let lost = gaps.iter().find(|(lost, _)| lost == topic).map_or(0, |(_, lost)| *lost);
         assert_eq!(in_file.get(topic), Some(&(offered - lost)), "{topic}");
     }
-    // The summary, the recording and a report of it say so, topic by topic.
+    // The summary, the recording and a report of it state that, topic by topic.
     let (topic, count) = gaps[0];
     let named = format!("{count} of {topic}");
     assert!(summary.to_string().contains(&named), "{summary}");
     assert_eq!(summary.exit_code(), 1, "{summary}");
-    let told = summary.to_json();
-    assert!(told["dropped"].as_str().is_some_and(|words| words.contains(&named)), "{told}");
+    let json = summary.to_json();
+    assert!(json["dropped"].as_str().is_some_and(|text| text.contains(&named)), "{json}");
     assert_eq!(metadata(&path, "summary")["dropped_samples"], lost.to_string());
     let audit: Value = serde_json::from_str(&metadata(&path, "audit")[&format!("/{topic}#0")])
         .expect("totals in JSON");
@@ -120,7 +120,7 @@ impl Listener {
         Self(listener.expect("the executable starts"))
     }
 
-    /// Instant of the last sample heard \[s\], once there are no more.
+    /// Instant of the last sample received \[s\], once there are no more.
     fn end(mut self, topic: &str) -> f64 {
         let lines = BufReader::new(self.0.stdout.take().expect("a pipe")).lines();
         let last = lines.map_while(Result::ok).filter(|line| line.ends_with('}')).last();
@@ -146,10 +146,10 @@ fn a_killed_launcher_loses_less_than_a_tenth_of_a_second() {
         let listener = Listener::start(running.id(), "truth");
         running.fly_on(0.3);
         running.kill_launcher();
-        let heard_s = listener.end("truth");
+        let received_s = listener.end("truth");
         let id = running.id().to_owned();
         wait_until("all processes leave", || processes_of(&id).is_empty());
-        let lost_s = heard_s - Recording::read(&path).end_of_a_cut_file("truth");
+        let lost_s = received_s - Recording::read(&path).end_of_a_cut_file("truth");
         println!("{:.0} ms of what it had taken", lost_s * 1e3);
         assert!(lost_s < MAY_BE_LOST_S, "{lost_s}");
         assert_recoverable(&path);
@@ -186,23 +186,27 @@ fn a_disk_that_fills_leaves_a_readable_file_and_the_summary_says_what_it_lacks()
     }
 }
 
-/// The summary says that the recording is incomplete, and up to when it promises everything \[s\].
+/// The summary states that the recording is incomplete; returns the instant up to which it is complete \[s\].
 fn assert_incomplete(flown: &Flown, until_s: f64) -> f64 {
-    assert_eq!(flown.code, Some(130), "{}", flown.said());
-    let told = flown.word("recording_error");
-    assert!(told.contains("is incomplete") && told.contains("File too large"), "{told}");
-    let (_, rest) = told.split_once("everything up to ").expect("an instant");
-    let told_s: f64 = rest.split(' ').next().and_then(|s| s.parse().ok()).expect("a number");
+    assert_eq!(flown.code, Some(130), "{}", flown.output_text());
+    let error = flown.text("recording_error");
+    assert!(error.contains("is incomplete") && error.contains("File too large"), "{error}");
+    let (_, rest) = error.split_once("everything up to ").expect("an instant");
+    let complete_until_s: f64 =
+        rest.split(' ').next().and_then(|s| s.parse().ok()).expect("a number");
     // It promises what was handed over at the last flush; more may be there.
-    assert!(told_s > 0.0 && told_s <= until_s + 1e-3, "{told_s} {until_s}");
-    told_s
+    assert!(
+        complete_until_s > 0.0 && complete_until_s <= until_s + 1e-3,
+        "{complete_until_s} {until_s}"
+    );
+    complete_until_s
 }
 
 /// What is torn off differs from topic to topic, and makes no tick another owner's.
 fn assert_no_sample_was_taken(path: &Path) {
     let output = morphquad(["report", "--format", "json"]).arg(path).output();
-    let told: Value = serde_json::from_slice(&output.expect("it starts").stdout).expect("JSON");
-    let numbers = told["numbers"].as_array().expect("numbers");
+    let json: Value = serde_json::from_slice(&output.expect("it starts").stdout).expect("JSON");
+    let numbers = json["numbers"].as_array().expect("numbers");
     for key in ["wrong_owner_ticks", "duplicated_ticks"] {
         let number = numbers.iter().find(|number| number["key"] == key);
         assert_eq!(number.expect(key)["value"], "0", "{key}");
@@ -215,11 +219,11 @@ fn assert_recoverable(path: &Path) -> (f64, u64) {
     let whole = folder.path().join("whole.mcap");
     let output = morphquad(["recover", "--format", "json", "--out"]).arg(&whole).arg(path).output();
     let output = output.expect("the executable starts");
-    let told: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    assert_eq!(output.status.code(), Some(0), "{told}");
-    assert_eq!(told["gaps"], 0, "{told}");
+    let json: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(output.status.code(), Some(0), "{json}");
+    assert_eq!(json["gaps"], 0, "{json}");
     let messages = Recording::read(&whole).count_messages_of_a_complete_file();
-    assert_eq!(told["messages"], messages, "{told}");
-    assert_eq!(messages, Recording::read(path).count_messages_of_whole_chunks(), "{told}");
-    (told["end_s"].as_f64().expect("an instant"), messages)
+    assert_eq!(json["messages"], messages, "{json}");
+    assert_eq!(messages, Recording::read(path).count_messages_of_whole_chunks(), "{json}");
+    (json["end_s"].as_f64().expect("an instant"), messages)
 }

@@ -295,7 +295,7 @@ impl Burst {
         }
     }
 
-    /// Publishes as many as the recorder's readers keep, and tells how many.
+    /// Publishes as many samples and states as the recorder's readers keep, and returns how many.
     pub(crate) fn fill(&mut self) -> u64 {
         let mut count = 0;
         loop {

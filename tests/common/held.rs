@@ -1,4 +1,4 @@
-//! A lockstep flight that waits for its test: it does not go beyond an instant before the test says so.
+//! A lockstep flight that waits for its test: it does not go beyond an instant until the test releases it.
 //!
 //! On a busy machine a test may get no processor for longer than a whole flight takes. What is to happen within the
 //! flight would then come after its end.
@@ -13,7 +13,7 @@ use std::io::Write as _;
 use std::process::Command;
 use tempfile::TempDir;
 
-/// A candidate for the attitude slot whose process says nothing before it is released, which time is held for.
+/// A candidate for the attitude slot whose process sends nothing until it is released. Logical time waits for it.
 struct Candidate {
     _folder: TempDir,
     swap: String,

@@ -1,10 +1,10 @@
-//! An executable that misbehaves as a controller when told to: `tests/common/rogue`.
+//! An executable that misbehaves as a controller when it is configured to: `tests/common/rogue`.
 
 use std::path::Path;
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
-/// The executable. `cargo test` builds it with the tests, unless it is told to build single ones.
+/// The executable. `cargo test` builds it with the tests, unless only single ones are selected.
 pub(crate) fn rogue() -> &'static str {
     static PATH: OnceLock<String> = OnceLock::new();
     PATH.get_or_init(|| {
@@ -23,7 +23,7 @@ pub(crate) fn config_from(folder: &TempDir, what: &str, from: &Path, amount: f64
     path.display().to_string()
 }
 
-/// What it is told.
+/// Writes the configuration file of the executable and returns its path.
 pub(crate) fn config(folder: &TempDir, what: &str, from_s: f64, amount: f64) -> String {
     let path = folder.path().join(format!("{what}-{from_s}-{amount}.toml"));
     let text = format!("what = {what:?}\nfrom_s = {from_s:?}\namount = {amount:?}\n");

@@ -27,7 +27,7 @@ use time::start_stopwatch;
 /// Exit code of a flight that passed, but with a swap of its script that was refused or taken back.
 pub(crate) const SWAP_FAILED: i32 = 5;
 
-/// One of the files by whose locks tests wait for one another, whichever executable they are in.
+/// One of the files whose locks make tests wait for one another, whichever executable they are in.
 fn lock_file(name: &str) -> File {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     File::create(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
@@ -97,7 +97,7 @@ impl Flown {
     /// next is asked for.
     pub(crate) fn assert_flown(&self, clock: &str) {
         let may_fail = clock == "realtime" && self.code == Some(SWAP_FAILED);
-        assert!(self.code == Some(0) || may_fail, "{}", self.said());
+        assert!(self.code == Some(0) || may_fail, "{}", self.output_text());
     }
 
     pub(crate) fn new(output: &Output, folder: TempDir) -> Self {
@@ -117,20 +117,20 @@ impl Flown {
         number.unwrap_or_else(|| panic!("no {key} in {}, {}", self.summary, self.stderr))
     }
 
-    /// A word of the summary.
-    pub(crate) fn word(&self, key: &str) -> &str {
-        let word = self.summary[key].as_str();
-        word.unwrap_or_else(|| panic!("no {key} in {}, {}", self.summary, self.stderr))
+    /// A text of the summary.
+    pub(crate) fn text(&self, key: &str) -> &str {
+        let text = self.summary[key].as_str();
+        text.unwrap_or_else(|| panic!("no {key} in {}, {}", self.summary, self.stderr))
     }
 
     pub(crate) fn hash(&self) -> &str {
-        self.word("hash")
+        self.text("hash")
     }
 
-    /// The word of the verdict: PASSED, INCOMPLETE, FAILED, LOST or CRASHED.
+    /// The verdict: PASSED, INCOMPLETE, FAILED, LOST or CRASHED.
     pub(crate) fn verdict(&self) -> &str {
-        let word = self.summary["verdict"]["verdict"].as_str();
-        word.unwrap_or_else(|| panic!("no verdict in {}, {}", self.summary, self.stderr))
+        let verdict = self.summary["verdict"]["verdict"].as_str();
+        verdict.unwrap_or_else(|| panic!("no verdict in {}, {}", self.summary, self.stderr))
     }
 
     /// The first reason of the verdict.
@@ -145,13 +145,13 @@ impl Flown {
         misses.unwrap_or_else(|| panic!("no misses in {}, {}", self.summary, self.stderr))
     }
 
-    /// Everything that was said, on both channels.
-    pub(crate) fn said(&self) -> String {
+    /// The summary from stdout, and stderr.
+    pub(crate) fn output_text(&self) -> String {
         format!("{}\n{}", self.summary, self.stderr)
     }
 
     pub(crate) fn recording_path(&self) -> PathBuf {
-        self.word("recording").into()
+        self.text("recording").into()
     }
 
     pub(crate) fn recording(&self) -> Recording {
@@ -160,7 +160,7 @@ impl Flown {
 
     /// Exit code 0, nothing lost, nothing late, no bound violated.
     pub(crate) fn assert_clean(&self) {
-        assert_eq!(self.code, Some(0), "{}", self.said());
+        assert_eq!(self.code, Some(0), "{}", self.output_text());
         self.assert_undisturbed();
     }
 
@@ -168,7 +168,7 @@ impl Flown {
     pub(crate) fn assert_is_the_shorter(&self, scenario: &str) {
         let flown_s = format!("{}s", self.number("flown_s"));
         let short = fly(&[scenario, "--for", &flown_s, "--no-record"]);
-        assert_eq!(self.hash(), short.hash(), "{}", self.said());
+        assert_eq!(self.hash(), short.hash(), "{}", self.output_text());
     }
 
     /// Nothing lost, nothing late, no bound violated.
@@ -182,7 +182,7 @@ impl Flown {
             "safe_mode_episodes",
             "recovered_crashes",
         ] {
-            assert!(self.number(key) == 0.0, "{key}: {}", self.said());
+            assert!(self.number(key) == 0.0, "{key}: {}", self.output_text());
         }
     }
 }
@@ -238,11 +238,11 @@ const UNHURRIED: [&str; 6] = [
 /// flight by how well it was flown.
 pub(crate) fn judged(arguments: &[&str]) -> Vec<&'static str> {
     let by_wall_clock = arguments.contains(&"realtime");
-    let is_about_it = arguments.iter().any(|word| word.starts_with("verdict."));
+    let is_about_it = arguments.iter().any(|argument| argument.starts_with("verdict."));
     let undisturbed = UNDISTURBED.iter().filter(|_| by_wall_clock && !is_about_it);
     let is_unset = |setting: &&&str| {
         let key = setting.split_inclusive('=').next().expect("a key");
-        !arguments.iter().any(|word| word.starts_with(key))
+        !arguments.iter().any(|argument| argument.starts_with(key))
     };
     let settings = undisturbed.chain(UNHURRIED.iter().filter(is_unset));
     settings.flat_map(|setting| ["--set", setting]).collect()
@@ -256,19 +256,19 @@ pub(crate) fn fly_beside<T>(
 ) -> Flown {
     let folder = TempDir::new().expect("a folder for the recording");
     let executable = env!("CARGO_BIN_EXE_morphquad");
-    let mut words = through.iter().copied().chain([executable]);
-    let mut command = Command::new(words.next().expect("the executable at least"));
-    command.args(words).arg("run").args(arguments).args(judged(arguments));
+    let mut command_line = through.iter().copied().chain([executable]);
+    let mut command = Command::new(command_line.next().expect("the executable at least"));
+    command.args(command_line).arg("run").args(arguments).args(judged(arguments));
     command.args(["--format", "json"]);
     if !arguments.contains(&"--no-record") {
         command.arg("--record").arg(folder.path());
     }
     start_stopwatch();
     // A flight at a pace waits by itself.
-    let paced = arguments.iter().any(|word| ["--speed", "realtime"].contains(word));
+    let paced = arguments.iter().any(|argument| ["--speed", "realtime"].contains(argument));
     let _realtime = arguments.contains(&"realtime").then(Place::for_realtime);
     let lockstep = (!paced).then(Place::for_lockstep);
-    let is_pinned = arguments.iter().any(|word| word.starts_with("--pin"));
+    let is_pinned = arguments.iter().any(|argument| argument.starts_with("--pin"));
     if let Some(place) = lockstep.as_ref().filter(|_| !is_pinned) {
         command.args(["--pin", &place.processor()]);
     }

@@ -29,7 +29,7 @@ pub(crate) fn kill(pid: u32, signal: Signal) -> bool {
     kill_process(pid, signal).is_ok()
 }
 
-/// True once a process has ended and has given up its files, whether or not its parent has been told.
+/// True once a process has ended and has given up its files, whether or not its parent has been notified.
 pub(crate) fn is_dead(pid: u32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok();
     let state = stat.and_then(|stat| stat.rsplit_once(") ")?.1.chars().next());
@@ -44,7 +44,7 @@ pub(crate) struct Process {
     pub(crate) arguments: Vec<String>,
 }
 
-/// Every living process, other than its launcher, that was told to join run `id`.
+/// Every living process, other than its launcher, whose arguments name the run `id`.
 pub(crate) fn processes_of(id: &str) -> Vec<Process> {
     let folder = format!("/dev/shm/mq-{id}");
     all_processes().filter(|p| p.arguments.contains(&folder)).collect()
@@ -69,7 +69,7 @@ pub(crate) fn in_a_terminal(command: &str) -> Child {
     script.spawn().expect("a terminal")
 }
 
-/// What `ps` tells of a run; none while its launcher does not answer.
+/// The status that `ps` prints of a run; none while its launcher does not answer.
 pub(crate) fn ps(run: &str) -> Option<Value> {
     let output = morphquad(["ps", "--run", run, "--format", "json"]).output();
     serde_json::from_slice(&output.expect("the executable starts").stdout).ok()
@@ -127,12 +127,12 @@ impl Running {
         running
     }
 
-    /// Waits for something of a flight; one that has ended without it says why.
+    /// Waits for something of a flight; if it ends without that, the failure shows why.
     fn wait_in_flight(&mut self, what: &str, is_there: impl Fn(&Self) -> bool) {
         wait_until(what, || {
             let is_over = self.has_ended();
             let is_there = is_there(self);
-            assert!(is_there || !is_over, "ended before {what}: {}", self.wait().said());
+            assert!(is_there || !is_over, "ended before {what}: {}", self.wait().output_text());
             is_there
         });
     }
@@ -171,7 +171,7 @@ impl Running {
         processes_of(&self.id).into_iter().find(|p| p.arguments[0] == name)
     }
 
-    /// Sends a signal to the process of a service, and says which one it was. A process that is just being
+    /// Sends a signal to the process of a service, and returns its process id. A process that is just being
     /// restarted, for whatever reason, gets it as soon as it is there.
     pub(crate) fn signal(&self, name: &str, signal: Signal) -> u32 {
         let mut pid = 0;
@@ -189,7 +189,7 @@ impl Running {
         wait_until("the launcher is dead", || is_dead(self.pid));
     }
 
-    /// Interrupts it again and again until it has ended, as a user does who cannot wait.
+    /// Interrupts it again and again until it has ended, as an impatient user does.
     pub(crate) fn interrupt_until_it_ends(&mut self) {
         wait_until("the launcher gives up", || {
             kill(self.pid, Signal::INT);
@@ -197,7 +197,7 @@ impl Running {
         });
     }
 
-    /// How much of the flight is flown \[s\], as `ps` tells; none while it does not answer.
+    /// How much of the flight is flown \[s\], as `ps` prints it; none while it does not answer.
     pub(crate) fn flown_s(&self) -> Option<f64> {
         ps(&self.id)?["flown_s"].as_f64()
     }

@@ -105,7 +105,7 @@ impl Recording {
             let sample = DynamicMessage::decode(descriptor.clone(), &*message.data);
             let mut sample = sample.expect("a message of its schema");
             if !sample.has_field_by_name("header") {
-                // An event: a sentence, in the order in which they were told.
+                // An event: a sentence. Events are kept in the order in which they were recorded.
                 let text = sample.get_field_by_name("message").expect("a sentence");
                 let text = text.as_str().expect("a text").as_bytes().to_vec();
                 events += 1;
@@ -136,8 +136,8 @@ impl Recording {
     }
 
     /// Writes a copy of a complete file with its checksums in order. `about` may change the metadata
-    /// of a channel, `content` the bytes of a message, told by topic and sequence; a message left
-    /// without bytes is left out.
+    /// of a channel, `content` the bytes of a message, identified by topic and sequence; a
+    /// message left without bytes is left out.
     pub(crate) fn copy_to(
         &self,
         path: &Path,

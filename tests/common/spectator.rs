@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// Samples that are kept for the next look, which takes the newest one.
 const DEPTH: usize = 4;
 
-/// Looks at what the plant says. It holds the run for as long as it is there, as each of its processes does.
+/// Reads what the plant publishes. It holds the run for as long as it is there, as each of its processes does.
 pub(crate) struct Spectator {
     truth: IpcSource<Truth>,
     applied: IpcSource<AppliedCommand>,
@@ -21,7 +21,7 @@ pub(crate) struct Spectator {
 }
 
 impl Spectator {
-    /// Joins a run whose launcher lives.
+    /// Joins a run that still has its launcher.
     pub(crate) fn join(run: &str) -> Self {
         let folder = PathBuf::from(format!("/dev/shm/mq-{run}"));
         let membership = Membership::join(&folder).expect("a run");
@@ -46,7 +46,7 @@ impl Spectator {
         &self.now
     }
 
-    /// Waits until the plant says so, however long that takes.
+    /// Waits until the plant publishes what meets the condition, however long that takes.
     pub(crate) fn wait_until(
         &mut self,
         what: &str,

@@ -12,12 +12,12 @@ use std::thread;
 /// Longest that anything here may take before the test gives up.
 const PATIENCE_S: f64 = 60.0;
 
-/// Looks again and again until `done` says so, ever more seldom: a look may start a process.
+/// Polls until `done` returns true, ever more seldom: a look may start a process.
 pub(crate) fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
     wait_for(what, || done().then_some(()).ok_or(String::new()));
 }
 
-/// As [`wait_until`], for something that is there at last; until then `look` says what is there instead.
+/// As [`wait_until`], for something that is there at last; until then `look` returns what is there instead.
 pub(crate) fn wait_for<T>(what: &str, mut look: impl FnMut() -> Result<T, String>) -> T {
     let begin_s = host_s();
     let mut pause = 3;
@@ -71,7 +71,7 @@ impl Drop for Stopwatch {
         let file = File::options().create(true).append(true).open(path);
         let line =
             format!("{:.1}\t{}\n", host_s() - self.0, thread::current().name().unwrap_or("?"));
-        // A test does not fail because its duration cannot be told.
+        // A test does not fail because its duration cannot be written.
         let _ = file.and_then(|mut file| file.write_all(line.as_bytes()));
     }
 }

@@ -26,20 +26,20 @@ impl Adopter {
         Self(adopter.expect("the executable starts"))
     }
 
-    /// What it has said, once it has ended.
-    fn said_so_far(&mut self) -> String {
-        let mut said = String::new();
+    /// What it has written to stderr, once it has ended.
+    fn stderr_so_far(&mut self) -> String {
+        let mut text = String::new();
         if let Some(stderr) = self.0.stderr.as_mut() {
-            std::io::Read::read_to_string(stderr, &mut said).expect("text");
+            std::io::Read::read_to_string(stderr, &mut text).expect("text");
         }
-        said
+        text
     }
 
-    /// Its end: exit code, summary, and what it said.
+    /// Waits for its end: exit code, summary and stderr.
     fn end(self) -> (Option<i32>, Value, String) {
         let Output { status, stdout, stderr } = self.0.wait_with_output().expect("an end");
-        let said = String::from_utf8_lossy(&stderr).into_owned();
-        (status.code(), serde_json::from_slice(&stdout).unwrap_or(Value::Null), said)
+        let stderr = String::from_utf8_lossy(&stderr).into_owned();
+        (status.code(), serde_json::from_slice(&stdout).unwrap_or(Value::Null), stderr)
     }
 }
 
@@ -71,8 +71,8 @@ fn slowly(more: &[&str]) -> Running {
     realtime(&[&["--speed", "0.1"], more].concat())
 }
 
-/// Exit code of a command, and what it said.
-fn say(arguments: &[&str]) -> (Option<i32>, String) {
+/// Exit code of a command, and its stdout and stderr in one line.
+fn run_command(arguments: &[&str]) -> (Option<i32>, String) {
     let output = morphquad(arguments).output().expect("the executable starts");
     let text = [output.stdout, output.stderr].concat();
     let text = String::from_utf8_lossy(&text).replace("\n  │", "");
@@ -93,8 +93,8 @@ fn strike(pid: u64, signal: Signal) {
 
 fn stand_by(run: &str) {
     let order = ["standby", "attitude", "attitude-mpc", "--shadow", "400ms", "--run", run];
-    let said = say(&order);
-    assert_eq!(said.0, Some(0), "{said:?}");
+    let result = run_command(&order);
+    assert_eq!(result.0, Some(0), "{result:?}");
 }
 
 fn assert_nothing_left(run: &str) {
@@ -132,18 +132,18 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
     assert!(pilot.clone().any(|p| p["name"] == "pilot" && p["generation"] == 0), "{now}");
     let swap = ["swap", "attitude", "--to", "attitude-mpc", "--shadow", "400ms", "--run", &run];
     let swap = [&swap[..], &["--rollback", "100ms"]].concat();
-    let mut said = (None, String::new());
+    let mut result = (None, String::new());
     // First the lost standby is replaced, which a swap has to wait for.
     wait_until("a swap", || {
-        said = say(&swap);
-        said.0 == Some(0)
+        result = run_command(&swap);
+        result.0 == Some(0)
     });
     assert!(kill(adopter.0.id(), Signal::INT));
-    let (code, summary, said) = adopter.end();
-    assert_eq!(code, Some(130), "{summary} {said}");
-    assert!(said.contains("took run") && said.contains(&run), "{said}");
-    assert_eq!(summary["ended"], "interrupted", "{summary} {said}");
-    assert_eq!(summary["verdict"]["verdict"], "INCOMPLETE", "{summary} {said}");
+    let (code, summary, stderr) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {stderr}");
+    assert!(stderr.contains("took run") && stderr.contains(&run), "{stderr}");
+    assert_eq!(summary["ended"], "interrupted", "{summary} {stderr}");
+    assert_eq!(summary["verdict"]["verdict"], "INCOMPLETE", "{summary} {stderr}");
     assert!(summary["flown_s"].as_f64() < Some(60.0), "{summary}");
     assert!(summary["position_max_m"].as_f64() <= Some(0.5), "{summary}");
     let first = Recording::read(&first);
@@ -158,17 +158,17 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
     let ticks = recording.series("applied_command", &["epoch"]);
     assert!(records[0].t_s < ticks[0].t_s, "the record then in effect is there: {records:?}");
     assert_eq!(continued_by(&second), format!("{run}.mcap"));
-    let (code, said) = say(&["replay", &second.to_string_lossy(), "--verify"]);
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains(&format!("a continuation of {run}.mcap")), "{said}");
+    let (code, output_text) = run_command(&["replay", &second.to_string_lossy(), "--verify"]);
+    assert_eq!(code, Some(2), "{output_text}");
+    assert!(output_text.contains(&format!("a continuation of {run}.mcap")), "{output_text}");
     assert_nothing_left(&run);
 }
 
 /// Loops without which nothing commands; they have one seat, and the one that is taken of several.
 const LOST: [&str; 4] = ["estimator", "attitude-mpc", "position-mpc", "pilot"];
 
-/// Of a launcher that dies as it takes over, the processes that it has started are ended by the next one, which tells the
-/// flight of those of its own.
+/// If a launcher dies as it takes over, the next one ends the processes that it has started, and announces its own to
+/// the flight.
 #[test]
 fn what_dies_without_a_launcher_is_started_once_however_many_take_over() {
     let running = slowly(&["--for", "60s"]);
@@ -209,10 +209,10 @@ fn what_dies_without_a_launcher_is_started_once_however_many_take_over() {
     wait_until("every loop flies on", || flown_s() > ran_s + 0.05);
     assert_eq!((started(&gone), run_now()), (pids, Some(true)));
     assert!(kill(adopter.0.id(), Signal::INT));
-    let (code, summary, said) = adopter.end();
-    assert_eq!(code, Some(130), "{summary} {said}");
-    assert!(said.contains("estimator has died while the flight had no launcher"), "{said}");
-    assert_eq!(summary["restarts"], 0, "{summary} {said}");
+    let (code, summary, stderr) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {stderr}");
+    assert!(stderr.contains("estimator has died while the flight had no launcher"), "{stderr}");
+    assert_eq!(summary["restarts"], 0, "{summary} {stderr}");
     assert_nothing_left(&run);
 }
 
@@ -243,8 +243,8 @@ fn a_controller_that_a_new_launcher_has_started_and_that_dies_is_started_again()
         if status.as_ref().is_some_and(owns) { Ok(()) } else { Err(format!("{status:?}")) }
     });
     assert!(kill(adopter.0.id(), Signal::INT));
-    let (code, summary, said) = adopter.end();
-    assert_eq!(code, Some(130), "{summary} {said}");
+    let (code, summary, stderr) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {stderr}");
     assert_nothing_left(&run);
 }
 
@@ -269,7 +269,7 @@ fn assert_not_followed(lines: usize) {
     (0..lines).for_each(|_| drop(writes()));
     let mut adopter = Adopter::start(&run);
     wait_until("another launcher leads", || {
-        assert!(matches!(adopter.0.try_wait(), Ok(None)), "{:?}", adopter.said_so_far());
+        assert!(matches!(adopter.0.try_wait(), Ok(None)), "{:?}", adopter.stderr_so_far());
         ps(&run).is_some_and(|status| status["launcher_pid"] == adopter.0.id())
     });
     writes();
@@ -277,16 +277,16 @@ fn assert_not_followed(lines: usize) {
     let written_s = flown_s();
     wait_until("it flies on", || flown_s() > written_s + 0.1);
     assert!(matches!(usurper.try_wait(), Ok(None)), "it still writes");
-    // Who is killed as the last of a run leaves the run to the next one's sweep.
+    // The last process of a run, if it is killed, leaves the run's files for the next run to remove.
     usurper.kill().expect("it is there");
     usurper.wait().expect("it ends");
     assert!(kill(adopter.0.id(), Signal::INT));
-    let (code, summary, said) = adopter.end();
-    assert_eq!(code, Some(130), "{summary} {said}");
+    let (code, summary, stderr) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {stderr}");
     assert!(summary["position_max_m"].as_f64() <= Some(0.5), "{summary}");
     assert_eq!(summary["wrong_owner_ticks"], 0, "{summary}");
     let named = format!("process {} (rogue) publishes without being registered on", usurper.id());
-    assert!(said.contains(&named), "{said}");
+    assert!(stderr.contains(&named), "{stderr}");
     assert_nothing_left(&run);
 }
 
@@ -302,13 +302,13 @@ fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies
     let config = config_from(&folder, "gain", &turns, -1.0);
     let swap = ["swap", "attitude", "--to", rogue, "--config", &config, "--shadow", "400ms"];
     let swap = [&swap[..], &["--rollback", "100ms", "--no-rehearsal", "--run", &run]].concat();
-    let mut said = (None, String::new());
+    let mut result = (None, String::new());
     wait_until("a swap", || {
-        said = say(&swap);
-        said.0 == Some(0)
+        result = run_command(&swap);
+        result.0 == Some(0)
     });
     let bad = in_attitude(&run, "owner").expect("an owner");
-    assert_ne!(bad, proven, "{said:?}");
+    assert_ne!(bad, proven, "{result:?}");
     running.kill_launcher();
     fs::write(&turns, "").expect("room");
     spectator.wait_until("it is tripped, and the proven one commands", |_, applied| {
@@ -321,9 +321,9 @@ fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies
     });
     wait_until("the proven owner commands", || in_attitude(&run, "owner") == Some(proven));
     assert!(kill(adopter.0.id(), Signal::INT));
-    let (code, summary, said) = adopter.end();
-    assert_eq!(code, Some(130), "{summary} {said}");
-    assert_eq!(summary["verdict"]["verdict"], "INCOMPLETE", "{summary} {said}");
+    let (code, summary, stderr) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {stderr}");
+    assert_eq!(summary["verdict"]["verdict"], "INCOMPLETE", "{summary} {stderr}");
 }
 
 /// What it writes goes through pipes whose other ends its launcher had.
@@ -336,8 +336,8 @@ fn a_controller_that_prints_outlives_its_launcher_and_the_next_one_shows_it() {
     let swap = ["swap", "attitude", "--to", rogue, "--config", &config, "--shadow", "400ms"];
     let how = ["--rollback", "100ms", "--no-rehearsal", "--force", "--run", &run];
     wait_for("a swap", || {
-        let (code, said) = say(&[&swap[..], &how].concat());
-        if code == Some(0) { Ok(()) } else { Err(said) }
+        let (code, output_text) = run_command(&[&swap[..], &how].concat());
+        if code == Some(0) { Ok(()) } else { Err(output_text) }
     });
     running.kill_launcher();
     let flown_s = || ps(&run).and_then(|status| status["flown_s"].as_f64()).unwrap_or(0.0);
@@ -348,11 +348,11 @@ fn a_controller_that_prints_outlives_its_launcher_and_the_next_one_shows_it() {
     let taken_s = flown_s();
     wait_until("it flies on", || flown_s() > taken_s + 0.5);
     assert!(kill(adopter.0.id(), Signal::INT));
-    let (code, summary, said) = adopter.end();
-    assert_eq!(code, Some(130), "{summary} {said}");
-    assert!(said.contains("rogue: line 0\n"), "{said}");
+    let (code, summary, stderr) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {stderr}");
+    assert!(stderr.contains("rogue: line 0\n"), "{stderr}");
     // It would have been that of a pipe without a reader.
-    assert!(!said.contains("last words"), "{said}");
+    assert!(!stderr.contains("last words"), "{stderr}");
     assert_nothing_left(&run);
 }
 
@@ -364,9 +364,9 @@ fn without_a_launcher_to_take_over_the_vehicle_lands_and_nothing_is_left() {
     assert_nothing_left(&run);
     let flown = running.wait();
     assert!(flown.stderr.contains("morphquad adopt") && flown.stderr.contains("lands"));
-    let (code, said) = say(&["adopt", &run]);
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains(&format!("no run is called {run}")), "{said}");
+    let (code, output_text) = run_command(&["adopt", &run]);
+    assert_eq!(code, Some(2), "{output_text}");
+    assert!(output_text.contains(&format!("no run is called {run}")), "{output_text}");
 }
 
 /// However slowly time runs, and from wherever the vehicle has been sent.
@@ -379,8 +379,8 @@ fn without_a_launcher_the_processes_land_before_they_leave() {
         let mut spectator = Spectator::join(&run);
         if let Some(height_m) = height_m {
             let order = ["goto", "0", "0", &format!("{height_m}"), "--run", &run];
-            let said = say(&order);
-            assert_eq!(said.0, Some(0), "{said:?}");
+            let result = run_command(&order);
+            assert_eq!(result.0, Some(0), "{result:?}");
             spectator.wait_until("it is there", |truth, _| truth.position_w_m[2] > 0.9 * height_m);
         }
         running.kill_launcher();
@@ -398,9 +398,9 @@ fn without_a_launcher_an_order_is_flown_and_without_a_pilot_too_the_vehicle_land
     let run = running.id().to_owned();
     // Beside the dead launcher's there is no room for a third.
     let (mut spectator, other) = (Spectator::join(&run), Spectator::join(&run));
-    let said = say(&["goto", "1", "0", "1.5", "--run", &run]);
+    let result = run_command(&["goto", "1", "0", "1.5", "--run", &run]);
     running.kill_launcher();
-    assert_eq!(said.0, Some(0), "{said:?}");
+    assert_eq!(result.0, Some(0), "{result:?}");
     let goal = [1.0, 0.0, 1.5];
     let is_there = |truth: &Truth, _: &AppliedCommand| distance(&truth.position_w_m, &goal) < 0.1;
     spectator.wait_until("it is there", is_there);
@@ -410,9 +410,9 @@ fn without_a_launcher_an_order_is_flown_and_without_a_pilot_too_the_vehicle_land
     spectator.wait_until("another pilot leads it back", is_there);
     drop((spectator, other));
     assert!(kill(adopter.0.id(), Signal::INT));
-    let (code, summary, said) = adopter.end();
-    assert_eq!(code, Some(130), "{summary} {said}");
-    assert!(said.contains("pilot has died while the flight had no launcher"), "{said}");
+    let (code, summary, stderr) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {stderr}");
+    assert!(stderr.contains("pilot has died while the flight had no launcher"), "{stderr}");
     assert_nothing_left(&run);
 }
 
@@ -421,18 +421,18 @@ fn a_run_that_is_led_or_in_lockstep_is_not_adopted_and_of_two_launchers_one_wins
     let running = realtime(&["--for", "600s", "--set", "launcher.launcher_grace_s=600"]);
     let run = running.id().to_owned();
     let launcher = running.launcher_pid();
-    let (code, said) = say(&["adopt", &run]);
-    assert_eq!(code, Some(3), "{said}");
-    assert!(said.contains(&format!("process {launcher} leads it")), "{said}");
+    let (code, output_text) = run_command(&["adopt", &run]);
+    assert_eq!(code, Some(3), "{output_text}");
+    assert!(output_text.contains(&format!("process {launcher} leads it")), "{output_text}");
     running.kill_launcher();
     let notes = PathBuf::from(format!("/dev/shm/mq-{run}/launcher.json"));
     let ours = fs::read_to_string(&notes).expect("notes");
     let mut other: Value = serde_json::from_str(&ours).expect("JSON");
     other["author"]["layouts"]["Imu"] = "0000000000000000".into();
     fs::write(&notes, other.to_string()).expect("room");
-    let (code, said) = say(&["adopt", &run]);
-    assert_eq!(code, Some(3), "{said}");
-    assert!(said.contains("Imu is laid out otherwise"), "{said}");
+    let (code, output_text) = run_command(&["adopt", &run]);
+    assert_eq!(code, Some(3), "{output_text}");
+    assert!(output_text.contains("Imu is laid out otherwise"), "{output_text}");
     fs::write(&notes, ours).expect("room");
     let mut adopters = [Adopter::start(&run), Adopter::start(&run)];
     let mut lost = None;
@@ -443,15 +443,15 @@ fn a_run_that_is_led_or_in_lockstep_is_not_adopted_and_of_two_launchers_one_wins
     let [first, second] = adopters;
     let (winner, loser) = if lost == Some(0) { (second, first) } else { (first, second) };
     let leader = winner.0.id();
-    let (code, _, said) = loser.end();
-    assert_eq!(code, Some(3), "{said}");
-    assert!(said.contains(&format!("process {leader} leads it")), "{said}");
+    let (code, _, stderr) = loser.end();
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(stderr.contains(&format!("process {leader} leads it")), "{stderr}");
     wait_until("the winner leads", || {
         ps(&run).is_some_and(|status| status["launcher_pid"] == leader)
     });
     assert!(kill(leader, Signal::INT));
-    let (code, summary, said) = winner.end();
-    assert_eq!((code, &summary["ended"]), (Some(130), &"interrupted".into()), "{summary} {said}");
+    let (code, summary, stderr) = winner.end();
+    assert_eq!((code, &summary["ended"]), (Some(130), &"interrupted".into()), "{summary} {stderr}");
     let rest = summary["recording"].as_str().expect("a recording");
     assert!(Recording::read(Path::new(rest)).count_messages_of_a_complete_file() > 100);
     assert_nothing_left(&run);
@@ -461,9 +461,12 @@ fn a_run_that_is_led_or_in_lockstep_is_not_adopted_and_of_two_launchers_one_wins
     // The run is there for as long as one of its processes, however late it is asked for.
     let companion = GroupMember::beside(lockstep.signal("monitor", Signal::STOP));
     lockstep.kill_launcher();
-    let (code, said) = say(&["adopt", &run]);
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("lockstep") && said.contains("leave within 2 s"), "{said}");
+    let (code, output_text) = run_command(&["adopt", &run]);
+    assert_eq!(code, Some(2), "{output_text}");
+    assert!(
+        output_text.contains("lockstep") && output_text.contains("leave within 2 s"),
+        "{output_text}"
+    );
     lockstep.signal("monitor", Signal::CONT);
     drop(companion);
     assert_nothing_left(&run);
@@ -473,8 +476,8 @@ fn a_run_that_is_led_or_in_lockstep_is_not_adopted_and_of_two_launchers_one_wins
 fn an_adopted_flight_ends_as_planned() {
     let running = slowly(&["--for", "1.5s"]);
     running.kill_launcher();
-    let (code, summary, said) = Adopter::start(running.id()).end();
-    assert!(matches!(code, Some(0 | 1)), "{code:?} {said}");
-    assert_eq!(summary["ended"], "as planned", "{summary} {said}");
+    let (code, summary, stderr) = Adopter::start(running.id()).end();
+    assert!(matches!(code, Some(0 | 1)), "{code:?} {stderr}");
+    assert_eq!(summary["ended"], "as planned", "{summary} {stderr}");
     assert!(summary["flown_s"].as_f64() >= Some(1.5), "{summary}");
 }

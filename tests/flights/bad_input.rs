@@ -22,26 +22,26 @@ fn complaint(arguments: &[&str]) -> (Option<i32>, String) {
     let output = morphquad(["run"]).args(arguments).arg("--no-record").output();
     let output = output.expect("the executable starts");
     assert!(output.stdout.is_empty(), "{}", String::from_utf8_lossy(&output.stdout));
-    // The report is wrapped to the width of the terminal; words are what counts.
-    let words = String::from_utf8_lossy(&output.stderr).replace(['│', '\n'], " ");
-    (output.status.code(), words.split_whitespace().collect::<Vec<_>>().join(" "))
+    // The report is wrapped to the width of the terminal, so that line breaks are ignored.
+    let text = String::from_utf8_lossy(&output.stderr).replace(['│', '\n'], " ");
+    (output.status.code(), text.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
-/// The command is refused and every one of `words` is in the answer.
-fn assert_refused(arguments: &[&str], words: &[&str]) {
-    let (code, said) = complaint(arguments);
-    assert_eq!(code, Some(USAGE), "{arguments:?}: {said}");
-    for word in words {
-        assert!(said.contains(word), "{arguments:?}: no `{word}` in: {said}");
+/// The command is refused and every one of `parts` is in the message.
+fn assert_refused(arguments: &[&str], parts: &[&str]) {
+    let (code, stderr) = complaint(arguments);
+    assert_eq!(code, Some(USAGE), "{arguments:?}: {stderr}");
+    for part in parts {
+        assert!(stderr.contains(part), "{arguments:?}: no `{part}` in: {stderr}");
     }
 }
 
 /// As [`assert_refused`], with the text as a scenario file.
-fn assert_file_refused(text: &str, words: &[&str]) {
+fn assert_file_refused(text: &str, parts: &[&str]) {
     let folder = TempDir::new().expect("a folder");
     let path = folder.path().join("mine.toml");
     fs::write(&path, text).expect("a file");
-    assert_refused(&[&path.display().to_string()], words);
+    assert_refused(&[&path.display().to_string()], parts);
 }
 
 #[test]
@@ -90,15 +90,15 @@ fn flags_that_name_a_place_are_named_where_it_cannot_be_used() {
     let cut = folder.path().join("cut.mcap");
     let whole = fs::read(&recording).expect("a recording");
     fs::write(&cut, &whole[..whole.len() * 9 / 10]).expect("room");
-    for (command, file, flag, told) in [
+    for (command, file, flag, expected) in [
         ("report", &recording, "--png", "is not a folder"),
         ("recover", &cut, "--out", "is there already"),
     ] {
         let output = morphquad([command]).args([file, Path::new(flag), &cut]).output();
         let output = output.expect("the executable starts");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(UNFIT), "{command}: {said}");
-        assert!(said.contains(flag) && said.contains(told), "{command}: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(UNFIT), "{command}: {stderr}");
+        assert!(stderr.contains(flag) && stderr.contains(expected), "{command}: {stderr}");
     }
     assert!(fs::read(&cut).expect("as it was") == whole[..whole.len() * 9 / 10]);
 }
@@ -132,9 +132,9 @@ fn a_device_and_a_text_without_an_end_are_refused_and_a_pipe_is_read() {
         check.wait_with_output().expect("it ends")
     };
     let output = piped("[scenario]\nduration_s = 3.0\n");
-    let told: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one object");
-    assert_eq!(told["scenario"]["scenario"]["duration_s"], 3.0, "{told}");
-    assert!(told["loops"].as_array().is_some_and(|loops| loops.len() == 7), "{told}");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one object");
+    assert_eq!(json["scenario"]["scenario"]["duration_s"], 3.0, "{json}");
+    assert!(json["loops"].as_array().is_some_and(|loops| loops.len() == 7), "{json}");
     assert_eq!(piped("duration = 3").status.code(), Some(USAGE));
 }
 
@@ -142,8 +142,8 @@ fn a_device_and_a_text_without_an_end_are_refused_and_a_pipe_is_read() {
 fn the_whole_scenario_that_check_writes_is_the_same_flight() {
     let folder = TempDir::new().expect("a folder");
     let mine = folder.path().join("mine.toml");
-    let toml = |words: &[&str]| {
-        let output = morphquad(["check"]).args(words).args(["--format", "toml"]).output();
+    let toml = |arguments: &[&str]| {
+        let output = morphquad(["check"]).args(arguments).args(["--format", "toml"]).output();
         String::from_utf8(output.expect("the executable starts").stdout).expect("text")
     };
     let whole = toml(&["hover", "--seed", "9", "--set", "plant.rate_hz=500"]);
@@ -170,9 +170,9 @@ fn a_flight_that_never_begins_leaves_no_recording() {
         .arg(folder.path())
         .output()
         .expect("the executable starts");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(USAGE), "{said}");
-    assert_eq!(fs::read_dir(folder.path()).expect("the folder").count(), 0, "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(USAGE), "{stderr}");
+    assert_eq!(fs::read_dir(folder.path()).expect("the folder").count(), 0, "{stderr}");
 }
 
 #[test]
@@ -184,16 +184,16 @@ fn too_few_file_descriptors_are_refused_at_once_with_the_number_that_is_needed()
         folder.path().display()
     );
     let output = Command::new("sh").args(["-c", &fly]).output().expect("a shell");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(UNFIT), "{said}");
-    assert!(said.contains("600") && said.contains("768"), "{said}");
-    assert_eq!(fs::read_dir(folder.path()).expect("the folder").count(), 0, "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(UNFIT), "{stderr}");
+    assert!(stderr.contains("600") && stderr.contains("768"), "{stderr}");
+    assert_eq!(fs::read_dir(folder.path()).expect("the folder").count(), 0, "{stderr}");
 
     // A low limit that may be raised is raised.
     let fly = fly.replace("ulimit -n 600", "ulimit -Sn 256");
     let output = Command::new("sh").args(["-c", &fly]).output().expect("a shell");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
 }
 
 #[test]
@@ -212,10 +212,10 @@ fn too_few_processes_are_refused_at_once_with_the_number_that_is_needed() {
     }
     limited.arg("--nproc=40").arg(executable).args(["run", "hover", "--for", "1s", "--no-record"]);
     let output = limited.current_dir("/").output().expect("util-linux");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(UNFIT), "{said}");
-    assert!(said.contains("may have 40 processes and threads"), "{said}");
-    assert!(said.contains("need 48 more: `ulimit -u "), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(UNFIT), "{stderr}");
+    assert!(stderr.contains("may have 40 processes and threads"), "{stderr}");
+    assert!(stderr.contains("need 48 more: `ulimit -u "), "{stderr}");
 }
 
 #[test]
@@ -228,9 +228,9 @@ fn a_scenario_without_a_key_is_refused_also_from_standard_input() {
         input.write_all(text.as_bytes()).expect("room for a line");
         drop(input);
         let output = check.wait_with_output().expect("it ends");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(USAGE), "{text:?}: {said}");
-        assert!(said.contains("has no key in it"), "{text:?}: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(USAGE), "{text:?}: {stderr}");
+        assert!(stderr.contains("has no key in it"), "{text:?}: {stderr}");
     }
 }
 
@@ -318,9 +318,9 @@ fn an_unknown_service_does_not_start_and_names_the_known_ones() {
         .args(["--generation", "0", "--launcher-pid", "1"])
         .output()
         .expect("the executable starts");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(USAGE), "{said}");
-    assert!(said.contains("attitude-lqg") && said.contains("attitude-mpc"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(USAGE), "{stderr}");
+    assert!(stderr.contains("attitude-lqg") && stderr.contains("attitude-mpc"), "{stderr}");
 }
 
 #[test]
@@ -329,9 +329,9 @@ fn a_service_without_its_run_says_which_folder_is_missing() {
         .args(["--generation", "0", "--launcher-pid", &std::process::id().to_string()])
         .output()
         .expect("the executable starts");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(UNFIT), "{said}");
-    assert!(said.contains("estimator") && said.contains("/dev/shm/mq-none"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(UNFIT), "{stderr}");
+    assert!(stderr.contains("estimator") && stderr.contains("/dev/shm/mq-none"), "{stderr}");
 }
 
 #[test]
@@ -343,10 +343,10 @@ fn a_recording_folder_that_cannot_be_written_is_named_before_anything_flies() {
     for refused in [file.join("flights"), file] {
         let output = morphquad(["run", "hover", "--record"]).arg(&refused).output();
         let output = output.expect("the executable starts");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(UNFIT), "{said}");
-        assert!(said.contains(&refused.display().to_string()), "{said}");
-        assert!(said.contains("--record"), "no remedy: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(UNFIT), "{stderr}");
+        assert!(stderr.contains(&refused.display().to_string()), "{stderr}");
+        assert!(stderr.contains("--record"), "no remedy: {stderr}");
     }
 }
 
@@ -362,10 +362,10 @@ fn two_runs_at_the_same_time_both_fly_and_know_nothing_of_each_other() {
     one.assert_clean();
     other.assert_clean();
     assert_eq!(one.hash(), other.hash());
-    assert_ne!(one.word("run"), other.word("run"));
+    assert_ne!(one.text("run"), other.text("run"));
     for flown in [&one, &other] {
-        wait_until("nothing is left", || left_in_shared_memory(flown.word("run")).is_empty());
-        assert!(Path::new(flown.word("recording")).exists());
+        wait_until("nothing is left", || left_in_shared_memory(flown.text("run")).is_empty());
+        assert!(Path::new(flown.text("recording")).exists());
     }
 }
 
@@ -382,9 +382,9 @@ fn realtime_as_fast_as_possible_is_a_contradiction() {
 #[test]
 fn a_processor_that_is_not_there_is_refused_with_those_that_are() {
     let output = morphquad(["run", "hover", "--pin", "1023"]).output().expect("it starts");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(USAGE), "{said}");
-    assert!(said.contains("--pin 1023") && said.contains('0'), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(USAGE), "{stderr}");
+    assert!(stderr.contains("--pin 1023") && stderr.contains('0'), "{stderr}");
 }
 
 #[test]
@@ -395,9 +395,9 @@ fn a_result_that_cannot_be_written_is_an_error() {
             .stdout(full.try_clone().expect("a descriptor"))
             .output()
             .expect("the executable starts");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(UNFIT), "{said}");
-        assert!(said.contains("cannot write the result"), "{said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(UNFIT), "{stderr}");
+        assert!(stderr.contains("cannot write the result"), "{stderr}");
     }
 }
 
@@ -418,8 +418,8 @@ fn a_pipe_is_refused_by_name_and_not_waited_for() {
     assert!(made.expect("mkfifo").success());
     for command in [&["replay", "--verify"][..], &["replay", "--branch", "@1s"], &["campaign"]] {
         let output = morphquad(command).arg(&pipe).output().expect("the executable starts");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(USAGE), "{command:?}: {said}");
-        assert!(said.contains("pipe.mcap"), "{command:?}: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(USAGE), "{command:?}: {stderr}");
+        assert!(stderr.contains("pipe.mcap"), "{command:?}: {stderr}");
     }
 }

@@ -30,34 +30,40 @@ const COMMANDS: [&str; 11] = [
     "replay FILE --branch @1s",
 ];
 
-/// Runs a command on a file with little memory: exit code, and everything said in one line.
-fn say(command: &str, file: &Path) -> (Option<i32>, String) {
+/// Runs a command on a file with little memory: exit code, and stdout and stderr in one line.
+fn run_command(command: &str, file: &Path) -> (Option<i32>, String) {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("out");
-    let words = command.split(' ').map(|word| match word {
+    let arguments = command.split(' ').map(|argument| match argument {
         "FILE" => file.as_os_str().to_owned(),
         "OUT" => out.as_os_str().to_owned(),
-        word => word.into(),
+        argument => argument.into(),
     });
     let script = format!("ulimit -v {MAX_KB}; exec \"$0\" \"$@\"");
     let mut shell = Command::new("bash");
-    shell.args(["-c", &script, env!("CARGO_BIN_EXE_morphquad")]).args(words);
+    shell.args(["-c", &script, env!("CARGO_BIN_EXE_morphquad")]).args(arguments);
     let output = shell.current_dir(folder.path()).output().expect("bash is there");
-    let said = [output.stdout, output.stderr].concat();
-    let said = String::from_utf8_lossy(&said).replace(['│', '\n'], " ");
-    (output.status.code(), said.split_whitespace().collect::<Vec<_>>().join(" "))
+    let text = [output.stdout, output.stderr].concat();
+    let text = String::from_utf8_lossy(&text).replace(['│', '\n'], " ");
+    (output.status.code(), text.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
-/// Every command refuses the file as a wrong argument, by name, with `words`.
-fn assert_refused(file: &Path, words: &str) {
+/// Every command refuses the file as a wrong argument, by name, with the message `expected`.
+fn assert_refused(file: &Path, expected: &str) {
     let name = file.file_name().expect("a name").to_string_lossy();
     for command in COMMANDS {
-        let (code, said) = say(command, file);
-        assert_eq!(code, Some(USAGE), "{command} {name}: {said}");
-        assert!(said.contains(&*name) && !said.contains("panicked"), "{command} {name}: {said}");
+        let (code, output_text) = run_command(command, file);
+        assert_eq!(code, Some(USAGE), "{command} {name}: {output_text}");
+        assert!(
+            output_text.contains(&*name) && !output_text.contains("panicked"),
+            "{command} {name}: {output_text}"
+        );
         // Long lines are broken, also within a name.
-        let (said, words) = (said.replace(' ', ""), words.replace(' ', ""));
-        assert!(said.contains(&words), "{command} {name}: no `{words}` in {said}");
+        let (output_text, expected) = (output_text.replace(' ', ""), expected.replace(' ', ""));
+        assert!(
+            output_text.contains(&expected),
+            "{command} {name}: no `{expected}` in {output_text}"
+        );
     }
 }
 
@@ -109,9 +115,12 @@ fn what_is_no_recording_is_refused_by_every_command_in_the_same_way() {
     let inner = folder.join("folder.mcap");
     fs::create_dir(&inner).expect("a folder");
     for command in COMMANDS.iter().filter(|command| !command.starts_with("report")) {
-        let (code, said) = say(command, &inner);
-        assert_eq!(code, Some(USAGE), "{command}: {said}");
-        assert!(said.replace(' ', "").contains("notafilebutafolder"), "{command}: {said}");
+        let (code, output_text) = run_command(command, &inner);
+        assert_eq!(code, Some(USAGE), "{command}: {output_text}");
+        assert!(
+            output_text.replace(' ', "").contains("notafilebutafolder"),
+            "{command}: {output_text}"
+        );
     }
 }
 
@@ -142,19 +151,22 @@ fn a_length_that_lies_fills_no_memory_and_stops_no_command_from_telling() {
         bytes[at..at + lie.len()].copy_from_slice(lie);
         let path = written(folder.path(), name, &bytes);
         for command in COMMANDS {
-            let (code, said) = say(command, &path);
+            let (code, output_text) = run_command(command, &path);
             // Around a record that lies, what is behind it is saved; not around lengths that hide where that
             // is, and not without the facts of the flight.
             let around = ["unpacked.mcap", "packed.mcap", "codec.mcap", "attachment.mcap"];
             let saved = command.starts_with("recover") && around.contains(&name);
             let expected = if saved { 0 } else { USAGE };
-            assert_eq!(code, Some(expected), "{command} {name}: {said}");
-            assert!(said.contains(name) && !said.contains("panicked"), "{command} {name}: {said}");
+            assert_eq!(code, Some(expected), "{command} {name}: {output_text}");
+            assert!(
+                output_text.contains(name) && !output_text.contains("panicked"),
+                "{command} {name}: {output_text}"
+            );
         }
     }
 }
 
-/// Behind the head, a part of a recording is told as far as it goes.
+/// Behind the head, a part of a recording is reported as far as it goes.
 #[test]
 fn a_recording_cut_or_damaged_anywhere_is_read_so_far_or_refused_by_name() {
     let flown = fly(&["hover", "--for", "2s", "--in-process"]);
@@ -187,26 +199,26 @@ fn a_recording_cut_or_damaged_anywhere_is_read_so_far_or_refused_by_name() {
                 Some("replay") => vec![0, 1, USAGE],
                 _ => vec![0],
             };
-            let (code, said) = say(command, &path);
+            let (code, output_text) = run_command(command, &path);
             let code = code.expect("no signal ends it");
-            assert!(expected.contains(&code), "{command} cut at {cut}: {code} {said}");
-            assert!(!said.contains("panicked"), "{command} cut at {cut}: {said}");
+            assert!(expected.contains(&code), "{command} cut at {cut}: {code} {output_text}");
+            assert!(!output_text.contains("panicked"), "{command} cut at {cut}: {output_text}");
         }
-        let (_, said) = say("report FILE", &path);
-        assert!(said.contains("it is cut: its recorder was killed"), "{said}");
+        let (_, output_text) = run_command("report FILE", &path);
+        assert!(output_text.contains("it is cut: its recorder was killed"), "{output_text}");
     }
     let mut damaged = whole.clone();
     damaged[chunks[4] + 2000] ^= 0x55;
     let path = written(folder.path(), "damaged.mcap", &damaged);
     for command in COMMANDS {
         let expected = if command.starts_with("recover") { 0 } else { USAGE };
-        let (code, said) = say(command, &path);
-        assert_eq!(code, Some(expected), "{command}: {said}");
-        assert!(said.contains("is damaged near byte"), "{command}: {said}");
+        let (code, output_text) = run_command(command, &path);
+        assert_eq!(code, Some(expected), "{command}: {output_text}");
+        assert!(output_text.contains("is damaged near byte"), "{command}: {output_text}");
     }
 }
 
-/// What is recovered is read by every command, and says that it is.
+/// What is recovered is read by every command, and reported as recovered.
 #[test]
 fn a_recovered_recording_is_opened_like_any_other_and_says_what_it_lacks() {
     let orders = ["--goto", "1,0,2@1s", "--morph", "120@1s,over=1s"];
@@ -224,10 +236,13 @@ fn a_recovered_recording_is_opened_like_any_other_and_says_what_it_lacks() {
             Some("replay") => &[0, 1, USAGE],
             _ => &[0],
         };
-        let (code, said) = say(command, &recovered);
-        assert!(code.is_some_and(|code| expected.contains(&code)), "{command}: {code:?} {said}");
+        let (code, output_text) = run_command(command, &recovered);
+        assert!(
+            code.is_some_and(|code| expected.contains(&code)),
+            "{command}: {code:?} {output_text}"
+        );
     }
-    let (_, said) = say("report FILE", &recovered);
+    let (_, output_text) = run_command("report FILE", &recovered);
     for part in [
         "it is recovered from cut.mcap",
         "every number here is computed from the samples",
@@ -235,13 +250,13 @@ fn a_recovered_recording_is_opened_like_any_other_and_says_what_it_lacks() {
         "deployable angle 120.0°",
         "within 1.00° from",
     ] {
-        assert!(said.contains(part), "{part}: {said}");
+        assert!(output_text.contains(part), "{part}: {output_text}");
     }
-    let (_, said) = say("topic info FILE", &recovered);
-    assert!(said.contains("INCOMPLETE: it is recovered from cut.mcap"), "{said}");
+    let (_, output_text) = run_command("topic info FILE", &recovered);
+    assert!(output_text.contains("INCOMPLETE: it is recovered from cut.mcap"), "{output_text}");
 }
 
-/// What lies behind damage is not lost; only who would fly it again refuses.
+/// What lies behind damage is not lost; only the commands that would fly it again refuse it.
 #[test]
 fn around_damage_everything_is_recovered_and_readers_say_that_there_are_holes() {
     let flown = fly(&["figure8-morph", "--for", "4s"]);
@@ -254,13 +269,13 @@ fn around_damage_everything_is_recovered_and_readers_say_that_there_are_holes() 
     let recovered = folder.path().join("recovered.mcap");
     let output = morphquad(["recover"]).arg(&damaged).arg("--out").arg(&recovered).output();
     let output = output.expect("it starts");
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert_eq!(output.status.code(), Some(0), "{said}");
+    let stdout = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{stdout}");
     for part in ["messages up to 4.000 s", "damaged.mcap is damaged near byte", "left out: 1 "] {
-        assert!(said.contains(part), "{part}: {said}");
+        assert!(stdout.contains(part), "{part}: {stdout}");
     }
     for command in COMMANDS {
-        let (code, said) = say(command, &recovered);
+        let (code, output_text) = run_command(command, &recovered);
         let (expected, part) = match command {
             "report FILE" => (1, "The file has holes: it is recovered from damaged.mcap"),
             "trace FILE" | "report FILE --format json --html OUT" => (1, ""),
@@ -270,7 +285,7 @@ fn around_damage_everything_is_recovered_and_readers_say_that_there_are_holes() 
             command if command.starts_with("topic info") => (0, "recovered from damaged.mcap"),
             _ => (0, ""),
         };
-        assert_eq!(code, Some(expected), "{command}: {said}");
-        assert!(said.contains(part), "{command}: {said}");
+        assert_eq!(code, Some(expected), "{command}: {output_text}");
+        assert!(output_text.contains(part), "{command}: {output_text}");
     }
 }

@@ -11,8 +11,8 @@ fn bench(arguments: &[&str]) -> Output {
 }
 
 fn result(output: &Output) -> Value {
-    let said = String::from_utf8_lossy(&output.stderr);
-    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {said}"))
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {stderr}"))
 }
 
 /// On a busy machine no loop then falls so far behind that its slot is given to another process, which opens ports in what
@@ -20,30 +20,31 @@ fn result(output: &Output) -> Value {
 const SLOWLY: [&str; 2] = ["--set", "scenario.speed=0.2"];
 
 /// A flight in which every loop has run. A busy machine may keep one of them so long that it is started
-/// again, which changes what is measured and not what is told.
+/// again, which changes the values and not what is reported.
 fn flown(arguments: &[&str], code: i32) -> Value {
     let output = bench(&[arguments, &judged(&["realtime"])[..], &["--format", "json"]].concat());
-    let said = String::from_utf8_lossy(&output.stderr);
-    let told = result(&output);
-    let report = &told["report"];
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    let json = result(&output);
+    let report = &json["report"];
     let loops = report["loops"].as_array().expect("loops");
     assert_eq!(loops.len(), 6, "{report}");
     assert!(loops.iter().all(|one| one["counts"]["steps"].as_u64() > Some(0)), "{report}");
-    assert_eq!(output.status.code(), Some(code), "{said}");
-    told
+    assert_eq!(output.status.code(), Some(code), "{stderr}");
+    json
 }
 
 /// Something was measured, and its quantiles are in order.
-fn assert_measured(told: &Value) {
-    assert!(told["n"].as_u64() > Some(0), "{told}");
-    let at: Vec<f64> = RANKS.iter().map(|rank| told[rank].as_f64().expect("a number")).collect();
-    assert!(at[0] >= 0.0 && at.is_sorted(), "{told}");
+fn assert_measured(distribution: &Value) {
+    assert!(distribution["n"].as_u64() > Some(0), "{distribution}");
+    let at: Vec<f64> =
+        RANKS.iter().map(|rank| distribution[rank].as_f64().expect("a number")).collect();
+    assert!(at[0] >= 0.0 && at.is_sorted(), "{distribution}");
 }
 
 /// Each ratio is the quantile over that of the floor.
-fn assert_ratios(told: &Value, floor: &Value, ratios: &Value) {
+fn assert_ratios(distribution: &Value, floor: &Value, ratios: &Value) {
     for (rank, ratio) in RANKS.iter().zip(["p50", "p90", "p99", "p999", "max"]) {
-        let (value, floor) = (told[rank].as_f64(), floor[rank].as_f64());
+        let (value, floor) = (distribution[rank].as_f64(), floor[rank].as_f64());
         if let Some(ratio) = ratios[ratio].as_f64() {
             let expected = value.expect("a value") / floor.expect("a floor");
             assert!((ratio / expected - 1.0).abs() < 1e-9, "{ratio} is not {expected}");
@@ -120,8 +121,8 @@ fn the_loops_and_paths_of_a_flight_are_measured_beside_their_floor() {
     let saved = folder.path().join("saved.json");
     let saved = saved.to_str().expect("a path");
     let flight = ["loops", "hover", "--for", "2s", "--policy", "other", SLOWLY[0], SLOWLY[1]];
-    let told = flown(&[&flight[..], &["--save", saved]].concat(), 0);
-    let report = &told["report"];
+    let json = flown(&[&flight[..], &["--save", saved]].concat(), 0);
+    let report = &json["report"];
     let mut measured = 0;
     for one in report["loops"].as_array().expect("loops") {
         let name = &one["name"];
@@ -139,13 +140,13 @@ fn the_loops_and_paths_of_a_flight_are_measured_beside_their_floor() {
         // The floor of its steps is the same flight in one thread, of which none is left out.
         let alone = &figures["compute"]["floor"]["n"];
         assert_eq!(alone.as_f64(), one["rate_hz"].as_f64().map(|hz| hz * 2.0), "{name}");
-        for (figure, told) in figures {
-            assert_measured(&told["flown"]);
+        for (figure, values) in figures {
+            assert_measured(&values["flown"]);
             if figure != "wait" && figure != "hop" {
-                assert_measured(&told["floor"]);
+                assert_measured(&values["floor"]);
             }
-            if !told["floor"].is_null() {
-                assert_ratios(&told["flown"], &told["floor"], &told["ratio"]);
+            if !values["floor"].is_null() {
+                assert_ratios(&values["flown"], &values["floor"], &values["ratio"]);
             }
         }
         // There is no cost of a flight in which a process was restarted between any two looks at it.
@@ -161,9 +162,9 @@ fn the_loops_and_paths_of_a_flight_are_measured_beside_their_floor() {
     // Another rate.
     let compare = ["--compare", saved];
     let other = bench(&[&flight[..], &["--rate", "attitude=200"], &compare].concat());
-    let said = String::from_utf8_lossy(&other.stderr);
-    assert_eq!(other.status.code(), Some(2), "{said}");
-    assert!(said.contains("200 Hz"), "{said}");
+    let stderr = String::from_utf8_lossy(&other.stderr);
+    assert_eq!(other.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("200 Hz"), "{stderr}");
     let limits = ["--gate", "lateness.max:0us", "--gate", "p99:+100000000%"];
     let judged = flown(&[&flight[..], &compare, &limits].concat(), 1);
     let failed = judged["failed"].as_array().expect("failures");
@@ -187,8 +188,8 @@ fn what_cannot_be_measured_is_refused_and_said() {
         (&["loops", "hover", "--compare", "Cargo.toml"], 2, "Cargo.toml"),
     ] {
         let output = bench(arguments);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
-        assert!(said.contains(named) && output.stdout.is_empty(), "{arguments:?}: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(named) && output.stdout.is_empty(), "{arguments:?}: {stderr}");
     }
 }

@@ -16,14 +16,14 @@ fn branch(file: &Path, at: &str, flags: &[&str]) -> (Option<i32>, Value, String)
     let mut command = morphquad(["replay"]);
     command.arg(file).args(["--branch", at, "--format", "json"]).args(flags);
     let output = command.output().expect("the executable starts");
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
     let json = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
-    (output.status.code(), json, said)
+    (output.status.code(), json, stderr)
 }
 
 fn assert_identical(flown: &Flown, at: &str) {
-    let (code, json, said) = branch(&flown.recording_path(), at, &[]);
-    assert_eq!(code, Some(0), "{at}: {json} {said}");
+    let (code, json, stderr) = branch(&flown.recording_path(), at, &[]);
+    assert_eq!(code, Some(0), "{at}: {json} {stderr}");
     assert_eq!(json["branch"]["identical"], true, "{at}: {json}");
     assert!(json["branch"]["same_samples"].as_u64() > Some(0), "{at}: {json}");
     assert_eq!(json["hash"], flown.hash(), "{at}");
@@ -57,9 +57,9 @@ fn a_fault_at_a_tick_changes_nothing_before_and_is_a_whole_flights_fault_after()
     let flown = fly(&["hover", "--for", "3s"]);
     let scratch = TempDir::new().expect("a folder");
     let record = scratch.path().to_str().expect("a path");
-    let (code, json, said) =
+    let (code, json, stderr) =
         branch(&flown.recording_path(), "@1.2s", &["--set", KICK, "--record", record]);
-    assert_eq!(code, Some(0), "{json} {said}");
+    assert_eq!(code, Some(0), "{json} {stderr}");
     let first = &json["branch"]["first_difference"];
     assert!((1.2..1.21).contains(&first["t_s"].as_f64().expect("a time")), "{json}");
 
@@ -77,8 +77,8 @@ fn a_fault_at_a_tick_changes_nothing_before_and_is_a_whole_flights_fault_after()
     assert!((1.2..1.21).contains(&new[at].t_s), "{:?}", new[at]);
 
     // And the branch can be taken up in its turn.
-    let (code, json, said) = branch(path, "@2s", &[]);
-    assert_eq!((code, &json["branch"]["identical"]), (Some(0), &true.into()), "{json} {said}");
+    let (code, json, stderr) = branch(path, "@2s", &[]);
+    assert_eq!((code, &json["branch"]["identical"]), (Some(0), &true.into()), "{json} {stderr}");
 }
 
 #[test]
@@ -91,8 +91,8 @@ fn settings_and_seeds_take_effect_at_the_tick_and_not_before() {
         ["--set", "vehicle.rotor_lag_s=0.02"],
         ["--seed", "9"],
     ] {
-        let (code, json, said) = branch(&flown.recording_path(), "@1357", &flags);
-        assert_eq!(code, Some(0), "{flags:?}: {json} {said}");
+        let (code, json, stderr) = branch(&flown.recording_path(), "@1357", &flags);
+        assert_eq!(code, Some(0), "{flags:?}: {json} {stderr}");
         let t_s = json["branch"]["first_difference"]["t_s"].as_f64().expect("a difference");
         assert!((1.357..1.39).contains(&t_s), "{flags:?}: {t_s}");
         assert_ne!(json["hash"], flown.hash());
@@ -116,13 +116,13 @@ fn what_cannot_be_changed_in_flight_is_refused_with_a_reason() {
         ("@5s", &[], "recorded up to"),
         ("500", &[], "@1234"),
     ] {
-        let (code, json, said) = branch(&flown.recording_path(), at, flags);
-        assert_eq!((code, &json["exit"]), (Some(2), &2.into()), "{flags:?}: {said}");
-        assert!(said.contains(named), "{flags:?}: {said}");
+        let (code, json, stderr) = branch(&flown.recording_path(), at, flags);
+        assert_eq!((code, &json["exit"]), (Some(2), &2.into()), "{flags:?}: {stderr}");
+        assert!(stderr.contains(named), "{flags:?}: {stderr}");
     }
     let same = ["--swap", "attitude=attitude-mpc", "--swap", "position=position-mpc"];
-    let (code, json, said) = branch(&flown.recording_path(), "@500", &same);
-    assert_eq!((code, &json["branch"]["identical"]), (Some(0), &true.into()), "{said}");
+    let (code, json, stderr) = branch(&flown.recording_path(), "@500", &same);
+    assert_eq!((code, &json["branch"]["identical"]), (Some(0), &true.into()), "{stderr}");
 }
 
 #[test]
@@ -132,8 +132,8 @@ fn a_sweep_makes_one_table_and_each_of_its_branches_can_be_flown_alone() {
     let out = scratch.path().join("out");
     let sweep = ["--sweep", "plant.mismatch.mass_scale=0.9..1.1/3", "--out"];
     let flags = [&sweep[..], &[out.to_str().expect("a path")]].concat();
-    let (code, json, said) = branch(&flown.recording_path(), "@1s", &flags);
-    assert_eq!((code, &json["cases"]), (Some(0), &3.into()), "{said}");
+    let (code, json, stderr) = branch(&flown.recording_path(), "@1s", &flags);
+    assert_eq!((code, &json["cases"]), (Some(0), &3.into()), "{stderr}");
     let table = std::fs::read_to_string(out.join("branches.csv")).expect("a table");
     let rows: Vec<&str> = table.lines().collect();
     // What is not changed is the recorded flight.
@@ -141,8 +141,8 @@ fn a_sweep_makes_one_table_and_each_of_its_branches_can_be_flown_alone() {
     assert!(out.join("branches.parquet").exists());
 
     let seeds = [&flags[..], &["--seeds", "0..3"]].concat();
-    let (code, json, said) = branch(&flown.recording_path(), "@1s", &seeds);
-    assert_eq!((code, &json["cases"]), (Some(0), &12.into()), "{said}");
+    let (code, json, stderr) = branch(&flown.recording_path(), "@1s", &seeds);
+    assert_eq!((code, &json["cases"]), (Some(0), &12.into()), "{stderr}");
     let worst = &json["worst"][0];
     let command = worst["command"].as_str().expect("a command");
     let again = command.replacen("morphquad", env!("CARGO_BIN_EXE_morphquad"), 1);
@@ -150,7 +150,7 @@ fn a_sweep_makes_one_table_and_each_of_its_branches_can_be_flown_alone() {
     let output = Command::new("sh").args(["-c", &again]).output().expect("a shell");
     let alone: Value = serde_json::from_slice(&output.stdout).expect("a summary");
     assert_eq!(alone["hash"], worst["hash"], "{command}");
-    // A sweep tells of what was flown since the branch, and so does each of its branches.
+    // A sweep reports what was flown since the branch, and so does each of its branches.
     let since = &alone["branch"]["since"];
     for key in ["outcome", "position_max_m", "hash"] {
         assert_eq!(since[key], worst[key], "{key}: {command}");
@@ -159,6 +159,6 @@ fn a_sweep_makes_one_table_and_each_of_its_branches_can_be_flown_alone() {
     // A vehicle that is lost in one of them is no success.
     let heavy = ["--sweep", "plant.mismatch.mass_scale=[1.0, 3.0]", "--out"];
     let flags = [&heavy[..], &[out.to_str().expect("a path")]].concat();
-    let (code, json, said) = branch(&flown.recording_path(), "@0.5s", &flags);
-    assert_eq!((code, &json["outcomes"]["LOST"]), (Some(1), &1.into()), "{json} {said}");
+    let (code, json, stderr) = branch(&flown.recording_path(), "@0.5s", &flags);
+    assert_eq!((code, &json["outcomes"]["LOST"]), (Some(1), &1.into()), "{json} {stderr}");
 }

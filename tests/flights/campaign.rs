@@ -49,9 +49,9 @@ impl Bench {
 
     fn run(&self, out: &str, flags: &[&str]) -> (Option<i32>, Value, String) {
         let output = self.command(out, flags).output().expect("the executable starts");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
         let json = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
-        (output.status.code(), json, said)
+        (output.status.code(), json, stderr)
     }
 
     fn tables(&self, out: &str) -> [Vec<u8>; 2] {
@@ -67,8 +67,8 @@ fn lines(journal: &Path) -> usize {
 #[test]
 fn killed_at_any_moment_and_started_again_it_makes_the_same_tables() {
     let bench = Bench::new(FILE);
-    let (code, undisturbed, said) = bench.run("whole", &[]);
-    assert_eq!(code, Some(LOST), "{said}");
+    let (code, undisturbed, stderr) = bench.run("whole", &[]);
+    assert_eq!(code, Some(LOST), "{stderr}");
     assert_eq!((&undisturbed["cases"], &undisturbed["resumed"]), (&CASES.into(), &0.into()));
     let outcomes = &undisturbed["outcomes"];
     assert_eq!((&outcomes["REFUSED"], &outcomes["CRASHED"]), (&24.into(), &0.into()));
@@ -88,8 +88,8 @@ fn killed_at_any_moment_and_started_again_it_makes_the_same_tables() {
             break;
         }
     }
-    let (code, resumed, said) = bench.run("killed", &[]);
-    assert_eq!(code, Some(LOST), "{said}");
+    let (code, resumed, stderr) = bench.run("killed", &[]);
+    assert_eq!(code, Some(LOST), "{stderr}");
     assert_eq!(resumed["resumed"].as_u64(), Some(before as u64 - 1), "{resumed}");
     assert_eq!(lines(&journal), CASES + 1, "a case was flown twice");
     assert!(bench.tables("killed") == bench.tables("whole"), "the tables differ");
@@ -100,8 +100,8 @@ fn killed_at_any_moment_and_started_again_it_makes_the_same_tables() {
 fn the_command_of_a_worst_case_flies_it_again_with_a_recording() {
     let file = FILE.replace("0..11", "5").replace(", 50.0]", "]");
     let bench = Bench::new(&file);
-    let (code, json, said) = bench.run("out", &[]);
-    assert_eq!(code, Some(LOST), "{said}");
+    let (code, json, stderr) = bench.run("out", &[]);
+    assert_eq!(code, Some(LOST), "{stderr}");
     for worst in json["worst"].as_array().expect("a list") {
         let command = worst["command"].as_str().expect("a command");
         let again = command.replacen("morphquad", env!("CARGO_BIN_EXE_morphquad"), 1);
@@ -123,22 +123,22 @@ fn an_interrupt_keeps_what_was_flown_and_another_file_is_refused_until_restart()
     wait_until("a case is flown", || lines(&journal) > 1);
     assert!(kill(child.id(), Signal::INT));
     let output = child.wait_with_output().expect("an end");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(130), "{said}");
-    let told: Value = serde_json::from_slice(&output.stdout).expect("a complaint");
-    assert!(said.contains("kept") && told["exit"] == 130, "{said} {told}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{stderr}");
+    let complaint: Value = serde_json::from_slice(&output.stdout).expect("a complaint");
+    assert!(stderr.contains("kept") && complaint["exit"] == 130, "{stderr} {complaint}");
     assert!(!bench.out("out").join("cases.csv").exists());
 
     let other = FILE.replace("0..11", "0..1");
     fs::write(bench.scratch.path().join("test.toml"), other).expect("a campaign file");
-    let (code, _, said) = bench.run("out", &[]);
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("another campaign") && said.contains("--restart"), "{said}");
-    let (code, json, said) = bench.run("out", &["--restart"]);
+    let (code, _, stderr) = bench.run("out", &[]);
+    assert_eq!(code, Some(2), "{stderr}");
+    assert!(stderr.contains("another campaign") && stderr.contains("--restart"), "{stderr}");
+    let (code, json, stderr) = bench.run("out", &["--restart"]);
     assert_eq!(
         (code, &json["cases"], &json["resumed"]),
         (Some(LOST), &12.into(), &0.into()),
-        "{said}"
+        "{stderr}"
     );
 }
 
@@ -146,8 +146,8 @@ fn an_interrupt_keeps_what_was_flown_and_another_file_is_refused_until_restart()
 fn the_shipped_campaign_flies() {
     let shipped = include_str!("../../launcher/campaigns/robustness.toml");
     let brief = shipped.replace("duration_s = 10.0", "duration_s = 0.5").replace("0..9", "0..0");
-    let (code, json, said) = Bench::new(&brief).run("out", &[]);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, json, stderr) = Bench::new(&brief).run("out", &[]);
+    assert_eq!(code, Some(0), "{stderr}");
     assert_eq!((&json["cases"], &json["outcomes"]["PASSED"]), (&36.into(), &36.into()));
 }
 
@@ -164,14 +164,14 @@ fn a_file_that_is_none_ends_with_2_and_an_unwritable_folder_with_3() {
         ("scenario = \"hover\"\n[grid]\nrotor.lag_s = [1, 2]", "rotor"),
         ("scenario = \"hover\"\n[set]\nplant.rate_hertz = 5", "test.toml:3:"),
     ] {
-        let (code, json, said) = Bench::new(file).run("out", &[]);
-        assert_eq!((code, &json["exit"]), (Some(2), &2.into()), "{said}");
-        assert!(said.contains(named) && said.contains("help"), "{said}");
+        let (code, json, stderr) = Bench::new(file).run("out", &[]);
+        assert_eq!((code, &json["exit"]), (Some(2), &2.into()), "{stderr}");
+        assert!(stderr.contains(named) && stderr.contains("help"), "{stderr}");
     }
-    // A value that no case can have is an outcome: no case flies, and the table says why.
+    // A value that no case can have is an outcome: no case flies, and the table states why.
     let none = Bench::new("scenario = \"hover\"\n[grid]\nplant.rate_hz = [-1, -2]");
-    let (code, json, said) = none.run("out", &[]);
-    assert_eq!((code, &json["outcomes"]["REFUSED"]), (Some(2), &2.into()), "{said}");
+    let (code, json, stderr) = none.run("out", &[]);
+    assert_eq!((code, &json["outcomes"]["REFUSED"]), (Some(2), &2.into()), "{stderr}");
     let bench = Bench::new("scenario = \"hover\"");
     let mut command = morphquad(["campaign"]);
     command.arg(bench.scratch.path().join("test.toml")).args(["--out", "/dev/null/out"]);

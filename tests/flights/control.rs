@@ -14,16 +14,16 @@ use std::process::{Command, Stdio};
 use tempfile::TempDir;
 
 /// A command that has ended.
-struct Said {
+struct CommandOutput {
     code: Option<i32>,
     out: String,
     diagnostics: String,
 }
 
-fn say(arguments: &[&str]) -> Said {
+fn run_command(arguments: &[&str]) -> CommandOutput {
     let output = morphquad(arguments).output().expect("the executable starts");
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    Said {
+    CommandOutput {
         code: output.status.code(),
         out: text(&output.stdout),
         diagnostics: text(&output.stderr),
@@ -31,8 +31,8 @@ fn say(arguments: &[&str]) -> Said {
 }
 
 fn ps(run: &Running) -> Option<Value> {
-    let said = say(&["ps", "--run", run.id(), "--format", "json"]);
-    (said.code == Some(0)).then(|| serde_json::from_str(&said.out).expect("JSON"))
+    let output = run_command(&["ps", "--run", run.id(), "--format", "json"]);
+    (output.code == Some(0)).then(|| serde_json::from_str(&output.out).expect("JSON"))
 }
 
 fn process<'v>(status: &'v Value, name: &str) -> &'v Value {
@@ -53,7 +53,7 @@ const REALTIME: [&str; 7] = ["hover", "--clock", "realtime", "--for", "60s", "--
 /// A lockstep flight that lasts.
 const LOCKSTEP: [&str; 5] = ["hover", "--for", "60s", "--speed", "1"];
 
-/// A flight half a second in, what `ps` says of it, and what the system says: its processes by name.
+/// A flight half a second in, its status by `ps`, and its processes by name as the system lists them.
 fn half_a_second_in(arguments: &[&str]) -> (Running, Value, BTreeMap<String, u64>) {
     let running = Running::start_and_fly(arguments);
     let mut seen = None;
@@ -93,10 +93,10 @@ fn assert_every_process_is_shown(arguments: &[&str]) {
     let slots: Vec<_> = slots.iter().map(|s| (&s["slot"], &s["epoch"], &s["owner"])).collect();
     assert!(slots.contains(&(&"attitude".into(), &1.into(), &"attitude-mpc".into())));
     assert!(slots.contains(&(&"position".into(), &1.into(), &"position-mpc".into())));
-    let table = say(&["ps", "--run", &running.id()[..8]]);
+    let table = run_command(&["ps", "--run", &running.id()[..8]]);
     assert_eq!(table.code, Some(0), "{}", table.diagnostics);
-    for word in ["PROCESS", "disturbance-injector", "attitude-mpc", "owner", running.id()] {
-        assert!(table.out.contains(word), "{word}: {}", table.out);
+    for part in ["PROCESS", "disturbance-injector", "attitude-mpc", "owner", running.id()] {
+        assert!(table.out.contains(part), "{part}: {}", table.out);
     }
     end(running);
 }
@@ -131,7 +131,7 @@ fn a_restarted_process_is_shown_with_its_new_number_and_generation() {
 
 #[test]
 fn a_run_that_is_not_there_or_not_named_ends_with_2_and_says_which_there_are() {
-    let unknown = say(&["ps", "--run", "no-such-run"]);
+    let unknown = run_command(&["ps", "--run", "no-such-run"]);
     assert_eq!((unknown.code, unknown.out.as_str()), (Some(2), ""));
     assert!(
         unknown.diagnostics.contains("no run is called no-such-run"),
@@ -139,7 +139,7 @@ fn a_run_that_is_not_there_or_not_named_ends_with_2_and_says_which_there_are() {
         unknown.diagnostics
     );
     let runs = [Running::start_and_fly(&LOCKSTEP), Running::start_and_fly(&LOCKSTEP)];
-    let several = say(&["ps"]);
+    let several = run_command(&["ps"]);
     assert_eq!((several.code, several.out.as_str()), (Some(2), ""));
     for run in &runs {
         assert!(several.diagnostics.contains(run.id()), "{}", several.diagnostics);
@@ -149,7 +149,7 @@ fn a_run_that_is_not_there_or_not_named_ends_with_2_and_says_which_there_are() {
     let [first, second] = runs;
     let id = first.id().to_owned();
     end(first);
-    assert_eq!(say(&["ps", "--run", &id]).code, Some(2));
+    assert_eq!(run_command(&["ps", "--run", &id]).code, Some(2));
     end(second);
 }
 
@@ -157,7 +157,7 @@ fn a_run_that_is_not_there_or_not_named_ends_with_2_and_says_which_there_are() {
 fn an_order_that_makes_no_sense_ends_with_2_and_the_flight_goes_on() {
     let running = Running::start_and_fly(&LOCKSTEP);
     let id = running.id();
-    for (order, words) in [
+    for (order, expected) in [
         (&["swap", "altitude", "--to", "attitude-mpc"][..], "slot"),
         (&["swap", "attitude", "--to", "./nowhere/controller"], "×"),
         (&["swap", "attitude", "--to", "attitude-mpc", "--max-bump", "lots"], "write 1% or 0.01"),
@@ -167,11 +167,11 @@ fn an_order_that_makes_no_sense_ends_with_2_and_the_flight_goes_on() {
         (&["retire", "no-such-process"], "×"),
         (&["standby", "altitude", "attitude-mpc"], "slot"),
     ] {
-        let said = say(&[order, &["--run", id]].concat());
-        assert_eq!((said.code, said.out.as_str()), (Some(2), ""), "{}", said.diagnostics);
-        assert!(said.diagnostics.contains(words), "{order:?}: {}", said.diagnostics);
-        let said = say(&[order, &["--run", "no-such-run"]].concat());
-        assert_eq!(said.code, Some(2), "{}", said.diagnostics);
+        let output = run_command(&[order, &["--run", id]].concat());
+        assert_eq!((output.code, output.out.as_str()), (Some(2), ""), "{}", output.diagnostics);
+        assert!(output.diagnostics.contains(expected), "{order:?}: {}", output.diagnostics);
+        let output = run_command(&[order, &["--run", "no-such-run"]].concat());
+        assert_eq!(output.code, Some(2), "{}", output.diagnostics);
     }
     assert!(ps(&running).is_some());
     end(running);
@@ -184,15 +184,17 @@ fn a_launcher_that_was_killed_leaves_its_run_listed_and_unanswered_until_it_is_g
     let grace = ["--set", "launcher.launcher_grace_s=5"];
     let running = Running::start_and_fly(&[&short[..], &grace].concat());
     running.kill_launcher();
-    let mut said = say(&["ps", "--run", running.id()]);
+    let mut output = run_command(&["ps", "--run", running.id()]);
     wait_until("no launcher answers", || {
-        said = say(&["ps", "--run", running.id()]);
-        said.code != Some(0)
+        output = run_command(&["ps", "--run", running.id()]);
+        output.code != Some(0)
     });
-    assert_eq!(said.code, Some(3), "{}", said.diagnostics);
-    let line = said.diagnostics.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert_eq!(output.code, Some(3), "{}", output.diagnostics);
+    let line = output.diagnostics.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(line.contains("has died") && line.contains("morphquad adopt"), "{line}");
-    wait_until("the last process has left", || say(&["ps", "--run", running.id()]).code == Some(2));
+    wait_until("the last process has left", || {
+        run_command(&["ps", "--run", running.id()]).code == Some(2)
+    });
 }
 
 /// As in a container that shares the host's memory: the system has no number for a client that is outside of the
@@ -220,10 +222,10 @@ fn a_launcher_in_a_pid_namespace_of_its_own_follows_orders_from_outside() {
         let mut files = folder.path().read_dir().expect("the folder").flatten();
         let Some(recording) = files.next() else { return false };
         id = recording.path().file_stem().expect("a name").to_string_lossy().into_owned();
-        say(&["ps", "--run", &id]).code == Some(0)
+        run_command(&["ps", "--run", &id]).code == Some(0)
     });
-    let said = say(&["stop", "--run", &id]);
-    assert_eq!(said.code, Some(0), "{}", said.diagnostics);
+    let output = run_command(&["stop", "--run", &id]);
+    assert_eq!(output.code, Some(0), "{}", output.diagnostics);
     assert_eq!(launcher.wait().expect("it ends").code(), Some(130));
 }
 
@@ -241,9 +243,9 @@ fn proc_of_another_namespace_is_refused_with_the_remedy() {
     let executable = env!("CARGO_BIN_EXE_morphquad");
     let output = unshare.args([executable, "run", "hover", "--for", "1s", "--no-record"]).output();
     let output = output.expect("a launcher");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(3), "{said}");
-    assert!(said.contains("--mount-proc"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{stderr}");
+    assert!(stderr.contains("--mount-proc"), "{stderr}");
 }
 
 #[test]

@@ -90,19 +90,19 @@ fn in_realtime(duration: &str, more: &[&str]) -> Running {
     Running::start_and_fly(&[&base[..], more].concat())
 }
 
-/// The flight went on after one crash that was told, and its recording is complete.
+/// The flight went on after one crash that was reported, and its recording is complete.
 fn assert_recovered(flown: &Flown, victim: &str, how: &str) {
-    assert_eq!(flown.code, Some(0), "{}", flown.said());
-    assert_eq!(flown.verdict(), "PASSED", "{}", flown.said());
-    assert!(flown.stderr.contains(&format!("{victim} {how}")), "{}", flown.said());
-    assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.said());
-    assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());
+    assert_eq!(flown.code, Some(0), "{}", flown.output_text());
+    assert_eq!(flown.verdict(), "PASSED", "{}", flown.output_text());
+    assert!(flown.stderr.contains(&format!("{victim} {how}")), "{}", flown.output_text());
+    assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.output_text());
+    assert!(flown.number("dropped_samples") == 0.0, "{}", flown.output_text());
     assert_nothing_left(flown);
     assert!(flown.recording().count_messages_of_a_complete_file() > 1000);
 }
 
 fn assert_nothing_left(flown: &Flown) {
-    let run = flown.word("run");
+    let run = flown.text("run");
     assert!(processes_of(run).is_empty(), "{:?}", processes_of(run));
     // Another test that looks at runs may hold the last leaver's lock for a moment.
     wait_until("nothing is left", || left_in_shared_memory(run).is_empty());
@@ -118,20 +118,20 @@ fn assert_the_next_run_works() {
 fn a_silence_of_the_imu_is_counted_and_the_gate_flies_until_it_ends() {
     let silence = "plant.imu.drop_outs=[{ from_s = 2.0, until_s = 2.1 }]";
     let flown = fly(&["hover", "--for", "5s", "--in-process", "--set", silence]);
-    // The scenario says why, so that the verdict asks for no more than a recovery.
-    assert_eq!(flown.verdict(), "PASSED", "{}", flown.said());
-    assert_eq!(flown.summary()["safe_mode_episodes"], 1, "{}", flown.said());
+    // The scenario states why, so that the verdict asks for no more than a recovery.
+    assert_eq!(flown.verdict(), "PASSED", "{}", flown.output_text());
+    assert_eq!(flown.summary()["safe_mode_episodes"], 1, "{}", flown.output_text());
     // The last sample is of 1.999 s, and 20 ms are integrated.
-    assert_eq!(flown.summary()["imu_overdue_steps"], 80, "{}", flown.said());
-    assert!(flown.number("position_max_m") < 0.25, "{}", flown.said());
-    assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+    assert_eq!(flown.summary()["imu_overdue_steps"], 80, "{}", flown.output_text());
+    assert!(flown.number("position_max_m") < 0.25, "{}", flown.output_text());
+    assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.output_text());
 }
 
 fn strike_in_lockstep(victim: &str) {
     for round in 0..rounds(1) {
         let flown = fly_and_strike(&[], &[victim], Signal::KILL, round * 7 + victim.len());
         assert_recovered(&flown, victim, "killed by signal 9");
-        assert_eq!(flown.hash(), undisturbed_hash(), "round {round}: {}", flown.said());
+        assert_eq!(flown.hash(), undisturbed_hash(), "round {round}: {}", flown.output_text());
     }
 }
 
@@ -168,7 +168,7 @@ fn all_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
         for victim in MORTALS {
             assert_recovered(&flown, victim, "killed by signal 9");
         }
-        assert!(flown.number("position_max_m") <= 0.15, "{}", flown.said());
+        assert!(flown.number("position_max_m") <= 0.15, "{}", flown.output_text());
     }
 }
 
@@ -176,7 +176,7 @@ fn all_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
 fn a_process_told_to_terminate_is_restarted_and_leaves_no_trace() {
     let flown = fly_and_strike(&[], &["attitude-mpc"], Signal::TERM, 11);
     assert_recovered(&flown, "attitude-mpc", "exit status 130");
-    assert_eq!(flown.hash(), undisturbed_hash(), "{}", flown.said());
+    assert_eq!(flown.hash(), undisturbed_hash(), "{}", flown.output_text());
 }
 
 #[test]
@@ -185,11 +185,11 @@ fn a_stopped_process_is_killed_restarted_and_leaves_no_trace() {
         let limit = ["--set", "launcher.stall_timeout_s=2"];
         let flown = fly_and_strike(&limit, &[victim], Signal::STOP, round);
         assert_recovered(&flown, victim, "made no progress");
-        assert_eq!(flown.hash(), undisturbed_hash(), "{victim}: {}", flown.said());
+        assert_eq!(flown.hash(), undisturbed_hash(), "{victim}: {}", flown.output_text());
     }
 }
 
-/// A candidate that has just come never hears how far a stopped process is, and cannot step for that reason.
+/// A candidate that has just joined never receives the progress of a stopped process, and cannot step for that reason.
 #[test]
 fn a_candidate_is_not_killed_for_a_stopped_process_that_it_waits_for() {
     let limit = ["--set", "launcher.stall_timeout_s=2"];
@@ -198,9 +198,9 @@ fn a_candidate_is_not_killed_for_a_stopped_process_that_it_waits_for() {
     held.running.signal("position-mpc", Signal::STOP);
     let flown = held.release();
     assert_recovered(&flown, "position-mpc", "made no progress");
-    assert!(!flown.stderr.contains("held made no progress"), "{}", flown.said());
-    assert_eq!(flown.summary()["swaps"][0]["done"], true, "{}", flown.said());
-    assert_eq!(flown.hash(), undisturbed_hash(), "{}", flown.said());
+    assert!(!flown.stderr.contains("held made no progress"), "{}", flown.output_text());
+    assert_eq!(flown.summary()["swaps"][0]["done"], true, "{}", flown.output_text());
+    assert_eq!(flown.hash(), undisturbed_hash(), "{}", flown.output_text());
 }
 
 /// No other process can do its work, so that it is dealt with as if it had been stopped from outside.
@@ -210,31 +210,33 @@ fn a_monitor_that_the_script_stops_is_restarted_and_leaves_no_trace() {
     let stop = ["--set", "launcher.stall_timeout_s=1", "--fault", "stop:monitor@1s"];
     let flown = fly(&[&flight[..], &stop].concat());
     assert_recovered(&flown, "monitor", "made no progress");
-    assert_eq!(flown.hash(), fly(&flight).hash(), "{}", flown.said());
+    assert_eq!(flown.hash(), fly(&flight).hash(), "{}", flown.output_text());
 }
 
 /// The candidate is let through at the instant at which the owner stops. Time stands still while it is flown ahead, and
 /// what the script has for that instant comes afterwards, as it does where nothing is flown ahead.
 #[test]
 fn a_fault_at_the_instant_of_a_verdict_is_the_same_with_a_rehearsal() {
-    let words = ["--swap", "attitude=attitude-lqr@500ms,shadow=260ms,rollback=300ms"];
-    let words = [&["hover", "--for", "2s", "--fault", "stop:attitude-mpc@760ms"], &words[..]];
-    let rehearsed = fly(&words.concat());
-    let unrehearsed = fly(&[&words.concat()[..], &["--set", "rehearsal.enabled=false"]].concat());
+    let arguments = ["--swap", "attitude=attitude-lqr@500ms,shadow=260ms,rollback=300ms"];
+    let arguments =
+        [&["hover", "--for", "2s", "--fault", "stop:attitude-mpc@760ms"], &arguments[..]];
+    let rehearsed = fly(&arguments.concat());
+    let unrehearsed =
+        fly(&[&arguments.concat()[..], &["--set", "rehearsal.enabled=false"]].concat());
     for flown in [&rehearsed, &unrehearsed] {
         let swap = &flown.summary()["swaps"][0];
-        assert_eq!(swap["done"], true, "{}", flown.said());
+        assert_eq!(swap["done"], true, "{}", flown.output_text());
     }
     assert_eq!(rehearsed.summary()["hash"], unrehearsed.summary()["hash"]);
 }
 
-/// The controller that comes back hears what the one that dies then has said before, and not if it dies before it has
-/// served its new reader: that is for chance to say unless the death waits for it.
+/// The controller that comes back receives what the one that dies then has published before, but not if that one dies
+/// before it has served its new reader: this is left to chance unless the death waits for it.
 #[test]
 fn a_death_at_the_instant_of_another_ones_return_is_the_same_every_time() {
     let faults = ["--fault", "kill:attitude-mpc@1226ms", "--fault", "kill:position-mpc@1326ms"];
-    let words = ["hover", "--for", "2s", "--no-record", "--goto", "0.3,0.2,1.4@800ms"];
-    let hash = || fly(&[&words[..], &faults].concat()).hash().to_owned();
+    let arguments = ["hover", "--for", "2s", "--no-record", "--goto", "0.3,0.2,1.4@800ms"];
+    let hash = || fly(&[&arguments[..], &faults].concat()).hash().to_owned();
     let first = hash();
     for _ in 0..6 {
         assert_eq!(hash(), first);
@@ -245,11 +247,12 @@ fn a_death_at_the_instant_of_another_ones_return_is_the_same_every_time() {
 /// that time is allowed at once or little by little: an owner that dies soon after has a fallback in both or in neither.
 #[test]
 fn a_short_rollback_window_ends_at_one_instant_at_every_pace() {
-    let words = ["--swap", "attitude=attitude-mpc@668ms,shadow=260ms,rollback=230ms"];
-    let words = [&["hover", "--for", "2s", "--fault", "kill:attitude-mpc@1170ms"], &words[..]];
-    let at_once = fly(&words.concat());
+    let arguments = ["--swap", "attitude=attitude-mpc@668ms,shadow=260ms,rollback=230ms"];
+    let arguments =
+        [&["hover", "--for", "2s", "--fault", "kill:attitude-mpc@1170ms"], &arguments[..]];
+    let at_once = fly(&arguments.concat());
     for pace in [&["--speed", "8"][..], &["--in-process"]] {
-        let other = fly(&[&words.concat()[..], pace, &["--no-record"]].concat());
+        let other = fly(&[&arguments.concat()[..], pace, &["--no-record"]].concat());
         assert_eq!(other.summary()["hash"], at_once.summary()["hash"], "{pace:?}");
     }
 }
@@ -258,15 +261,20 @@ fn a_short_rollback_window_ends_at_one_instant_at_every_pace() {
 /// last one of the seat is of another layout, which it could not go on from.
 #[test]
 fn a_controller_that_dies_before_its_first_state_goes_on_from_none() {
-    let mut words = vec!["hover", "--for", "3s", "--set", "rehearsal.enabled=false"];
-    words.extend(["--swap", "attitude=attitude-pid@500ms,shadow=300ms,rollback=300ms"]);
-    words.extend(["--fault", "kill:attitude-pid@1300ms", "--fault", "kill:attitude-pid@1602ms"]);
-    words.extend(["--fault", "kill:attitude-mpc@1706ms"]);
-    let flown = fly(&words);
+    let mut arguments = vec!["hover", "--for", "3s", "--set", "rehearsal.enabled=false"];
+    arguments.extend(["--swap", "attitude=attitude-pid@500ms,shadow=300ms,rollback=300ms"]);
+    arguments.extend([
+        "--fault",
+        "kill:attitude-pid@1300ms",
+        "--fault",
+        "kill:attitude-pid@1602ms",
+    ]);
+    arguments.extend(["--fault", "kill:attitude-mpc@1706ms"]);
+    let flown = fly(&arguments);
     flown.assert_flown("killed between its start and its first step");
-    assert_eq!(flown.summary()["wrong_owner_ticks"], 0, "{}", flown.said());
-    let alone = fly(&[&words[..], &["--in-process", "--no-record"]].concat());
-    assert_eq!(alone.summary()["hash"], flown.summary()["hash"], "{}", alone.said());
+    assert_eq!(flown.summary()["wrong_owner_ticks"], 0, "{}", flown.output_text());
+    let alone = fly(&[&arguments[..], &["--in-process", "--no-record"]].concat());
+    assert_eq!(alone.summary()["hash"], flown.summary()["hash"], "{}", alone.output_text());
 }
 
 /// A script that starts the controller and waits for it is no more than its name, in processes and in one.
@@ -281,19 +289,19 @@ fn a_controller_that_a_script_has_started_flies_and_ends_with_the_script() {
         format!("attitude={}@500ms,shadow=500ms,rollback=400ms,config={config}", script.display());
     let flight = ["hover", "--for", "4s", "--swap", &swap];
     let apart = fly(&[&flight[..], &["--fault", "kill:wrapped@3s"]].concat());
-    assert_eq!((apart.code, apart.verdict()), (Some(0), "PASSED"), "{}", apart.said());
-    assert_eq!(apart.summary()["swaps"][0]["done"], true, "{}", apart.said());
-    let told = "attitude-mpc@0 takes over from wrapped@1: its process ended";
-    assert!(apart.stderr.contains(told), "{}", apart.said());
+    assert_eq!((apart.code, apart.verdict()), (Some(0), "PASSED"), "{}", apart.output_text());
+    assert_eq!(apart.summary()["swaps"][0]["done"], true, "{}", apart.output_text());
+    let expected = "attitude-mpc@0 takes over from wrapped@1: its process ended";
+    assert!(apart.stderr.contains(expected), "{}", apart.output_text());
     assert_nothing_left(&apart);
     let alone = fly(&[&flight[..], &["--in-process"]].concat());
-    assert_eq!(alone.verdict(), "PASSED", "{}", alone.said());
-    assert_eq!(alone.summary()["swaps"][0]["done"], true, "{}", alone.said());
+    assert_eq!(alone.verdict(), "PASSED", "{}", alone.output_text());
+    assert_eq!(alone.summary()["swaps"][0]["done"], true, "{}", alone.output_text());
     let left: Vec<_> = all_processes().filter(|p| p.arguments.contains(&config)).collect();
     assert!(left.is_empty(), "{left:?}");
 }
 
-/// However long a busy machine takes for the restarts, the flight lasts until it is told to end.
+/// However long a busy machine takes for the restarts, the flight lasts until it is interrupted.
 #[test]
 fn a_realtime_flight_goes_on_after_the_deaths_of_all_processes_but_the_plant() {
     let mut running = in_realtime("600s", &[]);
@@ -303,18 +311,19 @@ fn a_realtime_flight_goes_on_after_the_deaths_of_all_processes_but_the_plant() {
     }
     assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
-    assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
+    assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.output_text());
     for victim in MORTALS {
         let killed = format!("{victim} killed by signal 9");
-        // The launcher gives a controller up whose commands fail, after 200 ms by a constant, so that on a busy machine
-        // it may do so before it hears of the death. Only a controller can be reported so, and only with this reason.
+        // The launcher gives up a controller whose commands fail to come for a constant 200 ms, so that on a busy
+        // machine it may do so before it is notified of the death. Only a controller can be reported so, and only with
+        // this reason.
         let given_up = format!(
             "no fallback for {victim}@0, which is started again: its commands failed to come"
         );
         let is_reported = [killed, given_up].iter().any(|report| flown.stderr.contains(report));
-        assert!(is_reported, "{victim}: {}", flown.said());
+        assert!(is_reported, "{victim}: {}", flown.output_text());
     }
-    assert!(flown.number("recovered_crashes") >= 4.0, "{}", flown.said());
+    assert!(flown.number("recovered_crashes") >= 4.0, "{}", flown.output_text());
     assert_nothing_left(&flown);
     assert!(flown.recording().count_messages_of_a_complete_file() > 100);
 }
@@ -325,7 +334,7 @@ fn a_launcher_that_is_stopped_for_six_seconds_in_lockstep_leaves_no_trace() {
     let scenario = ["hover", "--for", "4s"];
     let expected = fly_released(&scenario, "1s");
     let flown = Held::start(&scenario, "1s").release_while_the_launcher_is_stopped(6.0);
-    assert_eq!((flown.code, flown.hash()), (Some(0), expected.hash()), "{}", flown.said());
+    assert_eq!((flown.code, flown.hash()), (Some(0), expected.hash()), "{}", flown.output_text());
 }
 
 /// How far the vehicle drifts meanwhile is a matter of the clock; that it comes back is not. Time runs slowly, so that
@@ -350,8 +359,12 @@ fn an_owner_that_dies_while_the_launcher_is_stopped_for_three_seconds_is_replace
     drop(spectator);
     assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
-    assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
-    assert!(flown.said().contains("this launcher stood still for"), "{}", flown.said());
+    assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.output_text());
+    assert!(
+        flown.output_text().contains("this launcher stood still for"),
+        "{}",
+        flown.output_text()
+    );
 }
 
 #[test]
@@ -362,9 +375,9 @@ fn the_death_of_the_plant_ends_the_flight_with_4_a_reason_and_a_complete_recordi
             let moment = |running: &Running| random_moment(running, round, 1.0);
             strike(&running, &["plant"], Signal::KILL, moment);
             let flown = running.wait();
-            assert_eq!(flown.code, Some(CRASHED), "{}", flown.said());
-            assert!(flown.reason().contains("plant killed by signal 9"), "{}", flown.said());
-            assert_eq!(flown.verdict(), "CRASHED", "{}", flown.said());
+            assert_eq!(flown.code, Some(CRASHED), "{}", flown.output_text());
+            assert!(flown.reason().contains("plant killed by signal 9"), "{}", flown.output_text());
+            assert_eq!(flown.verdict(), "CRASHED", "{}", flown.output_text());
             assert!(flown.recording().count_messages_of_a_complete_file() > 100);
             assert_nothing_left(&flown);
             assert_the_next_run_works();
@@ -447,22 +460,22 @@ fn one_interrupt_ends_the_flight_in_order_with_a_complete_recording() {
             random_moment(&running, 1, 1.0);
             assert!(kill(running.launcher_pid(), signal));
             let flown = running.wait();
-            assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
-            assert_eq!(flown.word("ended"), "interrupted");
-            assert!(flown.stderr.contains("interrupted"), "{}", flown.said());
+            assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.output_text());
+            assert_eq!(flown.text("ended"), "interrupted");
+            assert!(flown.stderr.contains("interrupted"), "{}", flown.output_text());
             // In order: no process had to be killed, nothing was lost, all loops end together. Where the launcher gets
-            // no processor for seconds its recorder loses samples, and says so.
+            // no processor for seconds its recorder loses samples, and reports that.
             let has_lost = flown.number("dropped_samples") > 0.0;
             let verdict = if has_lost { "FAILED" } else { "INCOMPLETE" };
-            assert_eq!(flown.verdict(), verdict, "{}", flown.said());
+            assert_eq!(flown.verdict(), verdict, "{}", flown.output_text());
             if !flight.contains(&"realtime") {
-                assert!(!has_lost, "{}", flown.said());
-                assert_eq!(flown.summary()["recovered_crashes"], 0, "{}", flown.said());
+                assert!(!has_lost, "{}", flown.output_text());
+                assert_eq!(flown.summary()["recovered_crashes"], 0, "{}", flown.output_text());
             }
             assert!(
                 flown.number("flown_s") > 0.0 && flown.number("flown_s") < 60.0,
                 "{}",
-                flown.said()
+                flown.output_text()
             );
             assert!(flown.recording().count_messages_of_a_complete_file() > 100);
             assert_nothing_left(&flown);
@@ -483,7 +496,7 @@ fn an_interrupted_flight_ends_in_order_however_slow_one_of_its_loops_is() {
         (flown.code, flown.verdict()),
         (Some(INTERRUPTED), "INCOMPLETE"),
         "{}",
-        flown.said()
+        flown.output_text()
     );
     assert_nothing_left(&flown);
 }
@@ -497,7 +510,7 @@ fn a_second_interrupt_waits_for_no_process() {
     wait_until("it answers after one interrupt", || running.flown_s().is_some());
     running.interrupt_until_it_ends();
     let flown = running.wait();
-    assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
+    assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.output_text());
     assert!(flown.recording().count_messages_of_a_complete_file() > 100);
     assert_nothing_left(&flown);
 }
@@ -520,11 +533,11 @@ fn another_build_that_hangs_is_ended_by_a_signal_and_leaves_nothing() {
         wait_until("the other build hangs", || started().is_some());
         assert!(kill(child.id(), signal));
         let output = child.wait_with_output().expect("an end");
-        let said: Value = serde_json::from_slice(&output.stdout).expect("a complaint");
+        let complaint: Value = serde_json::from_slice(&output.stdout).expect("a complaint");
         assert_eq!(
-            (output.status.code(), &said["exit"]),
+            (output.status.code(), &complaint["exit"]),
             (Some(INTERRUPTED), &INTERRUPTED.into()),
-            "{said}"
+            "{complaint}"
         );
         assert_eq!(fs::read_dir(&temporary).expect("a folder").count(), 0);
         let hung = started().expect("its number");

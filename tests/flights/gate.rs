@@ -1,5 +1,5 @@
 //! The gate, on the controllers that are shipped: each may take over from each, in quiet and in rough
-//! flight, after short shadows and long ones. `tests/flights/refusals.rs` has those who may not.
+//! flight, after short shadows and long ones. `tests/flights/refusals.rs` has those that may not.
 
 use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{Running, kill};
@@ -30,8 +30,14 @@ fn swap(scenario: &[&str], (slot, owner, to): (&str, &str, &str), how: &str) -> 
     let alone: &[&str] = if alone || how.ends_with("shadow=30s") { &["--in-process"] } else { &[] };
     let flown = fly(&[scenario, &flags, alone].concat());
     let report = flown.summary()["swaps"][0].clone();
-    assert_eq!(report["done"], true, "{} {swap} from {owner}: {}", scenario[0], flown.said());
-    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    assert_eq!(
+        report["done"],
+        true,
+        "{} {swap} from {owner}: {}",
+        scenario[0],
+        flown.output_text()
+    );
+    assert_eq!(flown.code, Some(0), "{}", flown.output_text());
     report
 }
 
@@ -67,7 +73,7 @@ fn a_shadow_of_half_a_minute_and_one_at_another_rate_may_take_over() {
     }
 }
 
-fn say(arguments: &[&str], run: &Running) -> (Option<i32>, String) {
+fn run_command(arguments: &[&str], run: &Running) -> (Option<i32>, String) {
     let output = morphquad(arguments).args(["--run", run.id()]).output();
     let output = output.expect("the executable starts");
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -75,7 +81,7 @@ fn say(arguments: &[&str], run: &Running) -> (Option<i32>, String) {
 }
 
 fn owner(run: &Running) -> String {
-    let (_, table) = say(&["ps", "--format", "json"], run);
+    let (_, table) = run_command(&["ps", "--format", "json"], run);
     let status: Value = serde_json::from_str(&table).unwrap_or_default();
     let mut slots = status["slots"].as_array().into_iter().flatten();
     let slot = slots.find(|slot| slot["slot"] == "attitude");
@@ -86,19 +92,19 @@ fn owner(run: &Running) -> String {
 fn a_standby_of_another_kind_shadows_takes_over_when_asked_and_goes_back_when_told() {
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "15"]);
     let standby = ["standby", "attitude", "attitude-lqr", "--shadow", "20s"];
-    let (code, said) = say(&standby, &running);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, output_text) = run_command(&standby, &running);
+    assert_eq!(code, Some(0), "{output_text}");
     // There it is, and it has been running free since.
     let swap =
         ["swap", "attitude", "--to", "attitude-lqr@1", "--shadow", "5s", "--rollback", "60s"];
     let mut first = morphquad(swap).args(["--run", running.id()]).spawn().expect("it starts");
     wait_until("the change", || owner(&running).contains("attitude-lqr"));
-    let (code, said) = say(&["rollback", "attitude"], &running);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, output_text) = run_command(&["rollback", "attitude"], &running);
+    assert_eq!(code, Some(0), "{output_text}");
     assert_eq!(first.wait().expect("it ends").code(), Some(1));
     assert!(owner(&running).contains("attitude-mpc"));
-    let (code, said) = say(&["retire", "attitude-mpc@0"], &running);
-    assert_eq!(code, Some(2), "who commands does not leave: {said}");
+    let (code, output_text) = run_command(&["retire", "attitude-mpc@0"], &running);
+    assert_eq!(code, Some(2), "who commands does not leave: {output_text}");
     assert!(kill(running.launcher_pid(), Signal::INT));
     assert_eq!(running.wait().code, Some(130));
 }
@@ -111,8 +117,8 @@ fn watched(folder: &TempDir, more: &[&str]) -> Running {
     let swap = ["swap", "attitude", "--to", rogue(), "--config", &behaves, "--shadow", "400ms"];
     let how = ["--rollback", "100ms", "--no-rehearsal", "--force"];
     wait_for("a swap", || {
-        let (code, said) = say(&[&swap[..], &how].concat(), &running);
-        if code == Some(0) { Ok(()) } else { Err(said) }
+        let (code, output_text) = run_command(&[&swap[..], &how].concat(), &running);
+        if code == Some(0) { Ok(()) } else { Err(output_text) }
     });
     running
 }
@@ -126,14 +132,14 @@ fn while_the_monitor_does_not_step_no_swap_is_accepted() {
     let swap =
         ["swap", "position", "--to", "position-pid", "--dry-run", "--force", "--no-rehearsal"];
     wait_for("a refusal", || {
-        let (code, said) = say(&swap, &running);
-        let is_refused = code == Some(3) && said.contains("the monitor has not stepped for");
-        if is_refused { Ok(()) } else { Err(said) }
+        let (code, output_text) = run_command(&swap, &running);
+        let is_refused = code == Some(3) && output_text.contains("the monitor has not stepped for");
+        if is_refused { Ok(()) } else { Err(output_text) }
     });
     running.signal("monitor", Signal::CONT);
     wait_for("the swap", || {
-        let (code, said) = say(&swap, &running);
-        if code == Some(0) { Ok(()) } else { Err(said) }
+        let (code, output_text) = run_command(&swap, &running);
+        if code == Some(0) { Ok(()) } else { Err(output_text) }
     });
     assert!(kill(running.launcher_pid(), Signal::INT));
     assert_eq!(running.wait().code, Some(130));
@@ -149,7 +155,7 @@ fn a_watched_owner_is_replaced_when_the_monitor_hangs() {
     wait_until("the proven owner commands", || owner(&running).contains("attitude-mpc"));
     assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
-    assert_eq!(flown.code, Some(130), "{}", flown.said());
-    let told = "the monitor hangs, and nothing watches it";
-    assert!(flown.stderr.contains(told), "{}", flown.said());
+    assert_eq!(flown.code, Some(130), "{}", flown.output_text());
+    let expected = "the monitor hangs, and nothing watches it";
+    assert!(flown.stderr.contains(expected), "{}", flown.output_text());
 }

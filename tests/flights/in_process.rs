@@ -5,7 +5,7 @@ use crate::common::{Flown, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// Parts of the summary that tell of the host.
+/// Parts of the summary that depend on the host.
 const HOST: [&str; 3] = ["real_time_factor", "run", "recording"];
 
 fn of_the_flight(flown: &Flown) -> serde_json::Map<String, Value> {
@@ -36,28 +36,28 @@ fn every_shipped_scenario_has_the_same_summary_hash_and_recording_as_with_proces
 /// Each of the two comes while the other one's record is still to be written.
 #[test]
 fn two_slots_that_are_swapped_at_one_instant_hear_one_another() {
-    let words = ["hover", "--for", "2s", "--no-record", "--set", "rehearsal.enabled=false"];
+    let arguments = ["hover", "--for", "2s", "--no-record", "--set", "rehearsal.enabled=false"];
     let attitude = ["--swap", "attitude=attitude-pid@300ms,shadow=300ms,rollback=300ms"];
     let position = ["--swap", "position=position-pid@300ms,shadow=600ms,rollback=300ms"];
-    let words = [&words[..], &attitude, &position].concat();
-    let processes = fly(&words);
+    let arguments = [&arguments[..], &attitude, &position].concat();
+    let processes = fly(&arguments);
     processes.assert_flown("both swapped at once");
-    assert_eq!(processes.summary()["safe_mode_episodes"], 0, "{}", processes.said());
-    let alone = fly(&[&words[..], &["--in-process"]].concat());
+    assert_eq!(processes.summary()["safe_mode_episodes"], 0, "{}", processes.output_text());
+    let alone = fly(&[&arguments[..], &["--in-process"]].concat());
     assert_eq!(alone.hash(), processes.hash());
 }
 
 /// Of the sensors that are off by default. The fixes of the tracker are lost for a while, so that they matter.
 #[test]
 fn heights_are_sensed_estimated_and_verified_in_processes_and_in_one() {
-    let words =
+    let arguments =
         ["hover", "--for", "3s", "--set", "plant.pose_fix.drop_outs=[{from_s=1,until_s=2}]"];
     let sensors =
         ["--set", "plant.barometer.rate_hz=50", "--set", "plant.range_finder.rate_hz=100"];
-    let words = [&words[..], &sensors].concat();
-    let processes = fly(&words);
+    let arguments = [&arguments[..], &sensors].concat();
+    let processes = fly(&arguments);
     processes.assert_flown("with heights");
-    let alone = fly(&[&words[..], &["--in-process"]].concat());
+    let alone = fly(&[&arguments[..], &["--in-process"]].concat());
     assert_eq!(alone.hash(), processes.hash());
     let recording = processes.recording();
     let count =
@@ -66,7 +66,7 @@ fn heights_are_sensed_estimated_and_verified_in_processes_and_in_one() {
     let mut verify = morphquad(["replay"]);
     verify.arg(processes.recording_path()).arg("--verify");
     assert!(verify.output().expect("the executable starts").status.success());
-    let without = fly(&[&words[..5], &["--no-record"]].concat());
+    let without = fly(&[&arguments[..5], &["--no-record"]].concat());
     assert_ne!(without.hash(), processes.hash());
 }
 
@@ -74,7 +74,7 @@ fn heights_are_sensed_estimated_and_verified_in_processes_and_in_one() {
 fn nothing_is_left_or_made_in_shared_memory_and_without_a_recording_no_file() {
     let flown = fly(&["hover", "--for", "1s", "--in-process", "--no-record", "--pin", "0"]);
     flown.assert_clean();
-    assert_eq!(left_in_shared_memory(flown.word("run")), Vec::<std::path::PathBuf>::new());
+    assert_eq!(left_in_shared_memory(flown.text("run")), Vec::<std::path::PathBuf>::new());
     assert_eq!(flown.summary()["recording"], Value::Null);
 }
 
@@ -84,7 +84,7 @@ fn an_interrupt_ends_it_in_order_and_the_flight_is_the_shorter_one() {
     running.fly_on(0.5);
     assert!(kill(running.launcher_pid(), Signal::INT));
     let cut = running.wait();
-    assert_eq!(cut.code, Some(130), "{}", cut.said());
+    assert_eq!(cut.code, Some(130), "{}", cut.output_text());
     assert!(cut.number("flown_s") > 0.0 && cut.number("flown_s") < 60.0);
     cut.recording().count_messages_of_a_complete_file();
     cut.assert_is_the_shorter("hover");
@@ -96,7 +96,7 @@ fn realtime_and_unknown_processors_are_refused_with_a_reason() {
         [(["--clock", "realtime"], "--clock lockstep --speed 1"), (["--pin", "4711"], "processor")]
     {
         let flown = fly(&[&["hover", "--in-process", "--no-record"], &flags[..]].concat());
-        assert_eq!(flown.code, Some(2), "{}", flown.said());
-        assert!(flown.said().contains(named), "{}", flown.said());
+        assert_eq!(flown.code, Some(2), "{}", flown.output_text());
+        assert!(flown.output_text().contains(named), "{}", flown.output_text());
     }
 }

@@ -12,8 +12,8 @@ fn timed(flags: &[&str], scripts: &[&str]) -> Flown {
     fly(&flags)
 }
 
-/// Instants at which the plant begins to apply what another seat says, or what it does by itself, after `from_s`: when
-/// \[ms\], seat and mode.
+/// Instants after `from_s` at which the plant begins to apply the commands of another seat, or another mode of its own:
+/// when \[ms\], seat and mode.
 #[expect(clippy::cast_possible_truncation, reason = "small whole numbers")]
 fn changes(flown: &Flown, from_s: f64) -> Vec<(i64, i64, i64)> {
     let rows = flown.recording().series("applied_command", &["seat", "mode"]);
@@ -21,8 +21,8 @@ fn changes(flown: &Flown, from_s: f64) -> Vec<(i64, i64, i64)> {
     let changed =
         rows.windows(2).filter(|pair| pair[1].t_s > from_s && of(&pair[0]) != of(&pair[1]));
     let whole = |value: f64| value.round() as i64;
-    let told = |row: &Row| (whole(row.t_s * 1e3), whole(row.values[0]), whole(row.values[1]));
-    changed.map(|pair| told(&pair[1])).collect()
+    let entry = |row: &Row| (whole(row.t_s * 1e3), whole(row.values[0]), whole(row.values[1]));
+    changed.map(|pair| entry(&pair[1])).collect()
 }
 
 /// The command of 2.99 s is in effect from 2.991 s on. That of 3 s, due at 3.001 s, does not come, nor by the next release.
@@ -35,9 +35,9 @@ fn a_standby_follows_an_owner_that_is_stopped_or_dies_without_a_safe_mode_episod
         &["attitude-mpc:step=0s"],
     );
     for flown in [&stopped, &killed] {
-        assert_eq!(flown.verdict(), "PASSED", "{}", flown.said());
+        assert_eq!(flown.verdict(), "PASSED", "{}", flown.output_text());
         assert_eq!(flown.number("safe_mode_episodes").to_bits(), 0.0_f64.to_bits());
-        assert!(flown.number("position_max_m") < 0.005, "{}", flown.said());
+        assert!(flown.number("position_max_m") < 0.005, "{}", flown.output_text());
     }
     let standby_commands = [(3012, 1, 0)];
     assert_eq!(changes(&stopped, 2.9), standby_commands);
@@ -48,9 +48,9 @@ fn a_standby_follows_an_owner_that_is_stopped_or_dies_without_a_safe_mode_episod
 #[test]
 fn an_owner_without_a_standby_is_started_again_while_the_gate_holds_and_levels() {
     let flown = timed(&["hover", "--for", "4s"], &["attitude:stopped@2s..3s"]);
-    assert_eq!(flown.verdict(), "PASSED", "{}", flown.said());
-    assert_eq!(flown.summary()["recovered_crashes"], 1, "{}", flown.said());
-    assert!(flown.number("position_max_m") < 0.02, "{}", flown.said());
+    assert_eq!(flown.verdict(), "PASSED", "{}", flown.output_text());
+    assert_eq!(flown.summary()["recovered_crashes"], 1, "{}", flown.output_text());
+    assert!(flown.number("position_max_m") < 0.02, "{}", flown.output_text());
     let (hold, level) = ((2012, 0, 1), (2032, 0, 2));
     assert_eq!(changes(&flown, 1.9), [hold, level, (3002, 0, 0)]);
 }
@@ -64,8 +64,8 @@ fn a_loop_that_is_stopped_leaves_the_vehicle_in_its_place() {
                 let script = format!("{name}:stopped@2s..{until}s");
                 let flown = timed(&[scenario, "--for", "5s", "--no-record"], &[&script]);
                 let away_m = flown.number("position_max_m");
-                assert!(away_m < limit_m, "{script}: {}", flown.said());
-                assert_eq!(flown.verdict(), "PASSED", "{script}: {}", flown.said());
+                assert!(away_m < limit_m, "{script}: {}", flown.output_text());
+                assert_eq!(flown.verdict(), "PASSED", "{script}: {}", flown.output_text());
             }
         }
     }
@@ -79,8 +79,8 @@ fn a_vehicle_without_set_points_comes_to_rest_under_every_attitude_controller() 
         let assignment = format!("attitude={owner}");
         let hover = ["hover", "--goto", "1,0.5,1.5@1.6s", "--controller", &assignment];
         let flown = timed(&[&hover[..], &["--for", "7s"]].concat(), &["position:stopped@2s..5s"]);
-        assert_eq!(flown.verdict(), "PASSED", "{}", flown.said());
-        assert!(flown.number("position_max_m") < 0.35, "{}", flown.said());
+        assert_eq!(flown.verdict(), "PASSED", "{}", flown.output_text());
+        assert!(flown.number("position_max_m") < 0.35, "{}", flown.output_text());
         let rows = flown.recording().series("truth", &["velocity_w_m_s"]);
         let last = rows.iter().rfind(|row| row.t_s < 5.0).expect("a sample");
         assert!(last.values.iter().all(|speed| speed.abs() < 0.05), "{owner}: {last:?} m/s");
@@ -109,8 +109,18 @@ fn every_controller_may_take_over_from_every_other_on_a_loaded_computer() {
                 let flags = [scenario, "--for", "5s", "--no-record", "--controller", &assignment];
                 let flown = timed(&[&flags[..], &["--swap", &swap]].concat(), &loaded);
                 let report = &flown.summary()["swaps"][0];
-                assert_eq!(report["done"], true, "{scenario} {owner} {swap}: {}", flown.said());
-                assert_eq!((flown.code, flown.misses().len()), (Some(0), 0), "{}", flown.said());
+                assert_eq!(
+                    report["done"],
+                    true,
+                    "{scenario} {owner} {swap}: {}",
+                    flown.output_text()
+                );
+                assert_eq!(
+                    (flown.code, flown.misses().len()),
+                    (Some(0), 0),
+                    "{}",
+                    flown.output_text()
+                );
             }
         }
     }

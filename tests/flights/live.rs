@@ -36,7 +36,7 @@ fn viewers_that_stall_or_order_nothing_leave_the_flight_as_it_is_unseen() {
     let flown = held.release();
     flown.assert_clean();
     assert_eq!(flown.hash(), fly_released(&flight, "1s").hash());
-    wait_until("nothing is left", || left_in_shared_memory(flown.word("run")).is_empty());
+    wait_until("nothing is left", || left_in_shared_memory(flown.text("run")).is_empty());
 }
 
 #[test]
@@ -75,7 +75,7 @@ fn tried(live: &Live, what: &str) -> Vec<Value> {
     answer["replies"].as_array().expect("a list").clone()
 }
 
-/// The process that commands the attitude, as its flight tells; nothing while there is none.
+/// The process that commands the attitude, as its launcher reports it; nothing while there is none.
 fn owner(live: &Live) -> Value {
     let (code, body) = live.order(&live.token, r#"{"request":"ps"}"#);
     assert_eq!(code, 200, "{body}");
@@ -91,7 +91,7 @@ fn a_demo_refuses_a_bad_controller_shows_why_and_survives_the_death_of_a_good_on
     let mut command = morphquad(["demo", "--no-open", "--listen", "127.0.0.1:0", "--for", "600s"]);
     command.args(judged(&[])).current_dir(folder.path());
     let child = command.spawn().expect("it starts");
-    let (mut live, said) = Live::of(child);
+    let (mut live, stderr) = Live::of(child);
     assert!(live.get("/").1.contains("\"demo\":true"));
     for (token, what, code) in [("wrong", "bad", 403), (&live.token, "worse", 400)] {
         assert_eq!(live.post("/demo", token, what).0, code, "{what}");
@@ -115,8 +115,8 @@ fn a_demo_refuses_a_bad_controller_shows_why_and_survives_the_death_of_a_good_on
     let (code, body) = live.order(&live.token, r#"{"request":"stop"}"#);
     assert_eq!(code, 200, "{body}");
     let ended = live.child.wait().expect("it ends");
-    let said = said.join().expect("its words");
-    assert_eq!(ended.code(), Some(130), "{said}");
+    let stderr = stderr.join().expect("its words");
+    assert_eq!(ended.code(), Some(130), "{stderr}");
     let recordings = std::fs::read_dir(folder.path().join("recordings")).expect("a folder");
     assert_eq!(recordings.count(), 1);
 }
@@ -147,7 +147,7 @@ fn a_page_gets_everything_then_what_is_new_and_at_last_the_end() {
         news["to_s"].as_f64() > Some(to_s + 1.0)
     });
     let count = |flight: &Value, key: &str| flight["frames"][key].as_u64().expect("a count");
-    // A second before what is known is told again, in frames of 10 ms.
+    // A second before what is known is sent again, in frames of 10 ms.
     let (first, known) = (count(&news, "first"), count(&whole, "count"));
     assert!(first > 0 && first <= known && known - first <= 101, "{first} of {known}");
     assert_eq!(news["charts"].as_array().map(Vec::len), Some(charts));
@@ -166,8 +166,8 @@ fn a_page_gets_everything_then_what_is_new_and_at_last_the_end() {
     });
     let flown = running.wait();
     flown.assert_undisturbed();
-    assert!(flown.word("line").starts_with("INCOMPLETE  hover: "), "{}", flown.said());
-    assert_eq!(last["outcome"], json!({ "is_good": false, "text": flown.word("line") }));
+    assert!(flown.text("line").starts_with("INCOMPLETE  hover: "), "{}", flown.output_text());
+    assert_eq!(last["outcome"], json!({ "is_good": false, "text": flown.text("line") }));
 }
 
 #[test]
@@ -176,8 +176,8 @@ fn a_client_that_has_the_token_orders_and_no_other() {
     let live = Live::beside(running.id());
     let stop = r#"{"request":"stop"}"#;
     for token in ["", "0", &live.token[..31], &live.token.to_uppercase().repeat(2)] {
-        let (code, told) = live.order(token, stop);
-        assert!(code == 403 && told.contains("token"), "{token}: {told}");
+        let (code, body) = live.order(token, stop);
+        assert!(code == 403 && body.contains("token"), "{token}: {body}");
     }
     let foreign = format!(
         "POST /control HTTP/1.1\r\nHost: evil.example\r\nAuthorization: Bearer {}\r\n\
@@ -186,13 +186,13 @@ fn a_client_that_has_the_token_orders_and_no_other() {
         stop.len()
     );
     assert_eq!(live.ask(&foreign).0, 403, "a page elsewhere that has given its name our address");
-    for (garbage, told) in [
+    for (garbage, expected) in [
         ("{}", "not an order"),
         (r#"{"request":"swap","slot":"attitude","to":"/bin/sh"}"#, "by name"),
         (&"x".repeat(20_000), "at most"),
     ] {
         let (code, text) = live.order(&live.token, garbage);
-        assert!(code == 400 && text.contains(told), "{text}");
+        assert!(code == 400 && text.contains(expected), "{text}");
     }
     let replies = |body: &str| -> Value {
         let (code, text) = live.order(&live.token, body);
@@ -224,7 +224,7 @@ fn a_client_that_has_the_token_orders_and_no_other() {
     });
     assert_eq!(replies(stop)[0]["outcome"], "stopping");
     let flown = running.wait();
-    assert_eq!(flown.code, Some(130), "{}", flown.said());
+    assert_eq!(flown.code, Some(130), "{}", flown.output_text());
     assert_eq!(flown.summary()["missed_ticks"], 0);
 }
 
@@ -234,20 +234,20 @@ fn a_port_that_is_taken_ends_the_run_before_it_begins() {
     let address = taken.local_addr().expect("an address").to_string();
     let live = format!("--live={address}");
     let flown = fly(&["hover", "--for", "1s", &live, "--no-open"]);
-    assert_eq!(flown.code, Some(2), "{}", flown.said());
+    assert_eq!(flown.code, Some(2), "{}", flown.output_text());
     assert!(
         flown.stderr.contains(&address) && flown.stderr.contains("--live="),
         "{}",
         flown.stderr
     );
-    for (bad, told) in [
+    for (bad, expected) in [
         (["hover", "--live=elsewhere:8765"], "127.0.0.1:8765"),
         (["hover", "--no-open"], "--live"),
         (["--live", "8765"], "--live=8765"),
     ] {
         let output = morphquad([&["run"], &bad[..]].concat()).output().expect("it starts");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && said.contains(told), "{bad:?}: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && stderr.contains(expected), "{bad:?}: {stderr}");
     }
     let none = morphquad(["live", "--run", "no-such-run"]).output().expect("it starts");
     assert_eq!(none.status.code(), Some(2));
@@ -259,7 +259,7 @@ fn a_live_run_has_the_pace_of_the_clock_and_the_hash_of_any_other() {
     flown.assert_clean();
     assert!(flown.stderr.contains("live  http://127.0.0.1:"), "{}", flown.stderr);
     assert!(flown.stderr.contains("live  ws://127.0.0.1:"), "{}", flown.stderr);
-    assert!(flown.number("real_time_factor") < 1.2, "{}", flown.said());
+    assert!(flown.number("real_time_factor") < 1.2, "{}", flown.output_text());
     assert_eq!(flown.hash(), fly(&["hover", "--for", "1s", "--no-record"]).hash());
 }
 
@@ -270,7 +270,7 @@ fn a_live_run_is_as_fast_as_can_be_only_if_told_so_and_says_what_comes_of_it() {
     flown.assert_clean();
     assert!(flown.stderr.contains("may be over before its page is open"), "{}", flown.stderr);
     // A second or two, of which a busy machine may make ten. At the clock's pace it would be a minute.
-    assert!(flown.number("real_time_factor") > 1.2, "{}", flown.said());
+    assert!(flown.number("real_time_factor") > 1.2, "{}", flown.output_text());
 }
 
 /// A folder for PATH with `env` alone, through which the tests start everything.
@@ -288,10 +288,10 @@ fn a_browser_is_started_with_an_address_that_is_of_no_use_to_another_user() {
     let browser =
         format!("#!/bin/sh\necho \"$1\" >{0}.new && /bin/mv {0}.new {0}\n", opened.display());
     make_executable(&folder.path().join("xdg-open"), browser.as_bytes());
-    let words = ["run", "hover", "--for", "600s", "--no-record", "--live=127.0.0.1:0"];
-    let mut run = morphquad(words);
+    let arguments = ["run", "hover", "--for", "600s", "--no-record", "--live=127.0.0.1:0"];
+    let mut run = morphquad(arguments);
     run.args(judged(&[])).env("DISPLAY", ":99").env("PATH", folder.path());
-    let (mut live, said) = Live::of(run.spawn().expect("the executable starts"));
+    let (mut live, stderr) = Live::of(run.spawn().expect("the executable starts"));
     wait_until("the browser is started", || opened.exists());
     let address = std::fs::read_to_string(&opened).expect("an address");
     assert!(!address.contains(&live.token), "{address}");
@@ -322,17 +322,18 @@ fn a_browser_is_started_with_an_address_that_is_of_no_use_to_another_user() {
     }
     assert_eq!(live.order(&token, r#"{"request":"stop"}"#).0, 200);
     live.child.wait().expect("it ends");
-    said.join().expect("its words");
+    stderr.join().expect("its words");
 }
 
 #[test]
 fn a_stop_that_comes_before_the_flight_has_started_is_answered() {
-    let words = ["run", "hover", "--for", "600s", "--no-record", "--live=127.0.0.1:0", "--no-open"];
-    let (mut live, said) = Live::of(morphquad(words).spawn().expect("the executable starts"));
-    // Its address is said before its processes are started.
+    let arguments =
+        ["run", "hover", "--for", "600s", "--no-record", "--live=127.0.0.1:0", "--no-open"];
+    let (mut live, stderr) = Live::of(morphquad(arguments).spawn().expect("the executable starts"));
+    // Its address is printed before its processes are started.
     assert_eq!(live.order(&live.token, r#"{"request":"stop"}"#).0, 200);
     assert_eq!(live.child.wait().expect("it ends").code(), Some(130));
-    said.join().expect("its words");
+    stderr.join().expect("its words");
 }
 
 #[test]
@@ -342,14 +343,14 @@ fn a_page_on_all_addresses_is_found_from_elsewhere_and_a_missing_browser_is_told
     let folder = nearly_empty_path();
     let output = run.args(judged(&[])).env("DISPLAY", ":99").env("PATH", folder.path()).output();
     let output = output.expect("the executable starts");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{said}");
-    assert!(said.contains("all who reach this address can watch"), "{said}");
-    for address in said.lines().filter_map(|line| line.split_once("on other machines  ")) {
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
+    assert!(stderr.contains("all who reach this address can watch"), "{stderr}");
+    for address in stderr.lines().filter_map(|line| line.split_once("on other machines  ")) {
         let named = address.1.contains("127.0.0.1") || address.1.contains("0.0.0.0");
-        assert!(!named, "{said}");
+        assert!(!named, "{stderr}");
     }
-    let opened = said.lines().find(|line| line.contains("no browser could be started"));
-    assert!(opened.is_some_and(|line| line.contains("http://127.0.0.1:")), "{said}");
-    assert!(opened.is_some_and(|line| line.contains("/#token=")), "{said}");
+    let opened = stderr.lines().find(|line| line.contains("no browser could be started"));
+    assert!(opened.is_some_and(|line| line.contains("http://127.0.0.1:")), "{stderr}");
+    assert!(opened.is_some_and(|line| line.contains("/#token=")), "{stderr}");
 }

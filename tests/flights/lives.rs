@@ -44,16 +44,16 @@ fn replay(file: &Path, arguments: &[&str]) -> (Option<i32>, Value, String) {
     let mut command = morphquad(["replay"]);
     command.arg(file).args(arguments).args(["--format", "json"]);
     let output = command.output().expect("the executable starts");
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    (output.status.code(), serde_json::from_slice(&output.stdout).unwrap_or(Value::Null), said)
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    (output.status.code(), serde_json::from_slice(&output.stdout).unwrap_or(Value::Null), stderr)
 }
 
-/// Verifies whom `whom` names and tells who that was.
-fn verified(flown: &Flown, whom: &[&str]) -> Vec<String> {
-    let flags = whom.iter().flat_map(|name| ["--service", *name]);
+/// Verifies the instances that `names` selects and returns which they were.
+fn verified(flown: &Flown, names: &[&str]) -> Vec<String> {
+    let flags = names.iter().flat_map(|name| ["--service", *name]);
     let flags: Vec<&str> = flags.chain(["--verify"]).collect();
-    let (code, json, said) = replay(&flown.recording_path(), &flags);
-    assert_eq!((code, &json["verify"]["identical"]), (Some(0), &true.into()), "{json} {said}");
+    let (code, json, stderr) = replay(&flown.recording_path(), &flags);
+    assert_eq!((code, &json["verify"]["identical"]), (Some(0), &true.into()), "{json} {stderr}");
     let services = json["verify"]["services"].as_array().expect("services");
     let compared = |s: &&Value| s["samples"].as_u64() > Some(0) && s["states"].as_u64() > Some(0);
     assert!(services.iter().all(|service| compared(&service)), "{json}");
@@ -93,10 +93,10 @@ fn every_life_of_every_controller_is_verified_in_both_clocks() {
 }
 
 /// The fallback of the position slot leaves between the death of the attitude controller and its successor's first step,
-/// and that one is killed too, so that it never tells how far its inputs had got.
+/// and that one is killed too, so that it never reports how far its inputs had got.
 #[test]
 fn a_loop_that_came_after_a_writer_had_left_and_was_killed_is_verified() {
-    let words = [
+    let arguments = [
         "hover",
         "--for",
         "2s",
@@ -111,11 +111,11 @@ fn a_loop_that_came_after_a_writer_had_left_and_was_killed_is_verified() {
         "--fault",
         "kill:attitude-mpc@1800ms",
     ];
-    let flown = fly(&words);
+    let flown = fly(&arguments);
     flown.assert_flown("twice killed");
-    assert_eq!(flown.summary()["restarts"], 2, "{}", flown.said());
+    assert_eq!(flown.summary()["restarts"], 2, "{}", flown.output_text());
     assert_eq!(verified(&flown, &["attitude-mpc@0"]), ["attitude-mpc@0"]);
-    let paced = fly(&[&words[..], &["--speed", "0.5", "--no-record"]].concat());
+    let paced = fly(&[&arguments[..], &["--speed", "0.5", "--no-record"]].concat());
     assert_eq!(paced.summary()["hash"], flown.summary()["hash"]);
 }
 
@@ -127,26 +127,28 @@ fn late_together(flown: &Flown) -> usize {
     let mut seats: BTreeMap<u64, BTreeSet<u64>> = BTreeMap::new();
     for line in String::from_utf8(output.stdout).expect("text").lines() {
         let line: Value = serde_json::from_str(line).expect("an object");
-        let told = &line["deviation"];
-        if (&told["kind"], &told["input"]) == (&"LateSamples".into(), &"wrench_command".into()) {
-            let step_ns = told["header"]["release_ns"].as_u64().expect("an instant");
-            let seat = told["writer_seat"].as_u64().expect("a seat");
+        let deviation = &line["deviation"];
+        if (&deviation["kind"], &deviation["input"])
+            == (&"LateSamples".into(), &"wrench_command".into())
+        {
+            let step_ns = deviation["header"]["release_ns"].as_u64().expect("an instant");
+            let seat = deviation["writer_seat"].as_u64().expect("a seat");
             seats.entry(step_ns).or_default().insert(seat);
         }
     }
     seats.values().filter(|seats| seats.len() > 1).count()
 }
 
-/// Before this was told by seat, the numbers of one were taken for the other's.
+/// Before deviations were reported by seat, the numbers of one controller were taken for the other's.
 #[test]
 fn commands_of_owner_and_fallback_that_are_late_together_are_verified() {
     let standby = ["figure8-morph", "--for", "2s", "--standby", "attitude=attitude-mpc"];
     let late = ["--in-process", "--timing", "attitude:step=3ms@1s..1.5s"];
     let flown = fly(&[&standby[..], &late].concat());
-    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    assert_eq!(flown.code, Some(0), "{}", flown.output_text());
     verified(&flown, &[]);
     // Each of fifty steps.
-    assert_eq!(late_together(&flown), 50, "{}", flown.said());
+    assert_eq!(late_together(&flown), 50, "{}", flown.output_text());
 }
 
 #[test]
@@ -164,16 +166,16 @@ fn whom_a_replay_is_about_can_be_said_by_role_name_and_seat() {
         (["--verify", "--service", "attitude@4"], "seats 0 to 3"),
         (["--with", "attitude-lqr", "--hash"], "name with --service"),
     ] {
-        let (code, _, said) = replay(&file, &flags);
-        let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
-        assert_eq!(code, Some(2), "{said}");
-        assert!(said.contains(named), "{named}: {said}");
+        let (code, _, stderr) = replay(&file, &flags);
+        let stderr = stderr.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(code, Some(2), "{stderr}");
+        assert!(stderr.contains(named), "{named}: {stderr}");
     }
     // Its own kind departs nowhere, another one does; both begin where the life began.
     let with = |name| {
         let flags = ["--with", name, "--service", "attitude-pid@0"];
-        let (code, json, said) = replay(&file, &flags);
-        assert_eq!(code, Some(0), "{said}");
+        let (code, json, stderr) = replay(&file, &flags);
+        assert_eq!(code, Some(0), "{stderr}");
         json["with"]["first_departure"].clone()
     };
     assert_eq!(with("attitude-pid"), Value::Null);
@@ -202,8 +204,8 @@ fn a_changed_bit_in_what_a_shadow_said_is_found_with_its_name() {
         },
     );
     assert_eq!(seen, 2);
-    let (code, json, said) = replay(&copy, &["--verify"]);
-    assert_eq!(code, Some(1), "{said}");
+    let (code, json, stderr) = replay(&copy, &["--verify"]);
+    assert_eq!(code, Some(1), "{stderr}");
     let first = &json["verify"]["first_difference"];
     assert_eq!(
         (&first["service"], &first["instance"]),
@@ -218,16 +220,16 @@ fn a_changed_bit_in_what_a_shadow_said_is_found_with_its_name() {
 fn deaths_flown_in_one_process_are_those_of_the_processes_and_only_slots_have_them() {
     let processes = fly(DEATHS);
     let alone = fly(&[DEATHS, &["--in-process"]].concat());
-    assert_eq!(alone.hash(), processes.hash(), "{}", alone.said());
-    assert_eq!(alone.word("log_hash"), processes.word("log_hash"));
+    assert_eq!(alone.hash(), processes.hash(), "{}", alone.output_text());
+    assert_eq!(alone.text("log_hash"), processes.text("log_hash"));
     let swapped = fly(&[SWAPS, &["--in-process"]].concat());
-    assert_eq!(swapped.code, Some(0), "{}", swapped.said());
+    assert_eq!(swapped.code, Some(0), "{}", swapped.output_text());
     verified(&swapped, &[]);
     let fault = ["--fault", "kill:estimator@500ms"];
     let flown =
         fly(&[&["hover", "--in-process", "--no-record", "--for", "2s"], &fault[..]].concat());
-    assert_eq!(flown.code, Some(2), "{}", flown.said());
-    assert!(flown.said().contains("fills no slot"), "{}", flown.said());
+    assert_eq!(flown.code, Some(2), "{}", flown.output_text());
+    assert!(flown.output_text().contains("fills no slot"), "{}", flown.output_text());
 }
 
 #[test]
@@ -239,9 +241,9 @@ fn a_branch_at_any_tick_goes_on_with_the_processes_on_their_seats() {
         let mut ticks = vec![0, 450, 600, 900, 2000];
         ticks.extend((0..3).map(|_| random.next_u64() % 3000));
         for tick in ticks {
-            let (code, json, said) =
+            let (code, json, stderr) =
                 replay(&flown.recording_path(), &["--branch", &format!("@{tick}")]);
-            assert_eq!(code, Some(0), "{tick}: {json} {said}");
+            assert_eq!(code, Some(0), "{tick}: {json} {stderr}");
             assert_eq!(json["branch"]["identical"], true, "{tick}: {json}");
             for key in ["hash", "log_hash", "swaps", "flown_s"] {
                 assert_eq!(json[key], flown.summary()[key], "{tick}: {key}");
@@ -256,8 +258,8 @@ fn a_branch_can_give_a_slot_to_another_controller_by_the_protocol() {
     let folder = TempDir::new().expect("a folder");
     let record = folder.path().to_str().expect("a path");
     let swap = ["--branch", "@2400", "--swap", "attitude=attitude-lqr", "--record", record];
-    let (code, json, said) = replay(&flown.recording_path(), &swap);
-    assert_eq!(code, Some(0), "{json} {said}");
+    let (code, json, stderr) = replay(&flown.recording_path(), &swap);
+    assert_eq!(code, Some(0), "{json} {stderr}");
     let last = json["swaps"].as_array().and_then(|swaps| swaps.last()).expect("a swap");
     let flipped_s = last["flipped_s"].as_f64().expect("a flip");
     assert!((2.64..2.68).contains(&flipped_s), "{last}");
@@ -265,8 +267,8 @@ fn a_branch_can_give_a_slot_to_another_controller_by_the_protocol() {
     assert!((2.4..2.42).contains(&first_s), "{json}");
     // Its script is that of a flight of its own.
     let branch = Path::new(json["recording"].as_str().expect("a recording"));
-    let (code, json, said) = replay(branch, &["--verify"]);
-    assert_eq!((code, &json["verify"]["identical"]), (Some(0), &true.into()), "{json} {said}");
+    let (code, json, stderr) = replay(branch, &["--verify"]);
+    assert_eq!((code, &json["verify"]["identical"]), (Some(0), &true.into()), "{json} {stderr}");
     let set = ["--branch", "@2700", "--set", "plant.mismatch.mass_scale=1.1"];
     assert_eq!(replay(&flown.recording_path(), &set).0, Some(2));
     let realtime = fly(&[SWAPS, &["--clock", "realtime"]].concat());
@@ -288,5 +290,9 @@ fn a_controller_with_a_scenario_of_its_own_is_verified_with_that() {
     std::fs::remove_file(&config).expect("it was there");
     assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
-    assert!(verified(&flown, &[]).contains(&"attitude-mpc@1".to_owned()), "{}", flown.said());
+    assert!(
+        verified(&flown, &[]).contains(&"attitude-mpc@1".to_owned()),
+        "{}",
+        flown.output_text()
+    );
 }

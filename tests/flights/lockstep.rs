@@ -17,8 +17,8 @@ use std::process::{Child, Command};
 /// How long the flights last unless a number of rounds is asked for \[s\].
 const SHORT_S: u32 = 4;
 
-/// Rounds after which a long series says how far it has got.
-const TOLD_EVERY: usize = 10;
+/// Rounds after which a long series prints its progress.
+const REPORTED_EVERY: usize = 10;
 
 /// What must not make a difference, drawn by chance.
 #[derive(Debug)]
@@ -102,7 +102,7 @@ fn fly_in_random_conditions(scenario: &str) -> String {
         flown.assert_clean();
         assert_eq!(flown.hash(), expected, "{scenario}, round {round}: {conditions:?}");
         let done = round + 1;
-        if rounds > TOLD_EVERY && done % TOLD_EVERY == 0 {
+        if rounds > REPORTED_EVERY && done % REPORTED_EVERY == 0 {
             eprintln!("{scenario}: {done} of {rounds} disturbed runs, all with hash {expected}");
         }
     }
@@ -146,13 +146,13 @@ fn pace_changes_no_byte() {
     let free = fly(&["figure8-morph", "--for", "2s"]);
     let paced = fly(&["figure8-morph", "--for", "2s", "--speed", "4"]);
     assert_eq!(free.hash(), paced.hash());
-    assert!(paced.number("real_time_factor") < 4.4, "{}", paced.said());
+    assert!(paced.number("real_time_factor") < 4.4, "{}", paced.output_text());
 }
 
 fn assert_tracks(flown: &Flown, rms_m: f64, max_m: f64) {
     flown.assert_clean();
-    assert!(flown.number("position_rms_m") <= rms_m, "{}", flown.said());
-    assert!(flown.number("position_max_m") <= max_m, "{}", flown.said());
+    assert!(flown.number("position_rms_m") <= rms_m, "{}", flown.output_text());
+    assert!(flown.number("position_max_m") <= max_m, "{}", flown.output_text());
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn figure8_morph_follows_its_reference_in_wind() {
 fn figure8_morph_ends_where_it_should_in_calm_air() {
     let flown = fly(&["figure8-morph", "--in-process", "--set", "disturbance_injector.script=[]"]);
     assert_tracks(&flown, 0.05, 0.15);
-    assert!(flown.number("position_last_second_m") <= 0.05, "{}", flown.said());
+    assert!(flown.number("position_last_second_m") <= 0.05, "{}", flown.output_text());
 }
 
 #[test]
@@ -204,11 +204,11 @@ fn the_shortest_flights_end() {
 fn a_vehicle_that_ends_off_its_path_fails_the_run_although_no_process_crashed() {
     // Seven estimates a second cannot hold a vehicle.
     let flown = fly(&["hover", "--rate", "estimator=7"]);
-    assert_eq!(flown.code, Some(1), "{}", flown.said());
-    let said = flown.said();
-    assert_eq!(flown.verdict(), "LOST", "{said}");
+    assert_eq!(flown.code, Some(1), "{}", flown.output_text());
+    let output_text = flown.output_text();
+    assert_eq!(flown.verdict(), "LOST", "{output_text}");
     let how = flown.reason().strip_prefix("mean distance off its path in the last second ");
     let how = how.expect("how it was lost");
     let off_path_m: f64 = how.split(' ').next().and_then(|m| m.parse().ok()).expect("a distance");
-    assert!(off_path_m > 1.0 && how.ends_with("m, limit 1 m"), "{said}");
+    assert!(off_path_m > 1.0 && how.ends_with("m, limit 1 m"), "{output_text}");
 }

@@ -1,4 +1,4 @@
-//! The real executable: what it flies, records, refuses and tells. One executable for all of these tests, because
+//! The real executable: what it flies, records, refuses and reports. One executable for all of these tests, because
 //! each one more is compiled and linked with everything that they share; what changes the state of its own
 //! process has one for itself beside this folder.
 

@@ -25,7 +25,7 @@ fn fill(file: &Path, left: u64) {
     }
 }
 
-/// Control groups that say so much: the limit of memory \[bytes\] and what is used of it.
+/// Files of the control groups: the limit of memory \[bytes\] and what is used of it.
 const GROUP_FILES: [[&str; 2]; 2] = [
     ["memory.max", "memory.current"],
     ["memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"],
@@ -57,10 +57,10 @@ impl Apart {
         );
         let unshare = unshare.args(["--mount", "sh", "-c", &own]).stderr(Stdio::null());
         let mut keeper = unshare.stdout(Stdio::piped()).spawn().expect("a shell");
-        let mut said = String::new();
+        let mut line = String::new();
         let stdout = keeper.stdout.take().expect("a pipe");
-        BufReader::new(stdout).read_line(&mut said).expect("words or none");
-        if said != "ready\n" {
+        BufReader::new(stdout).read_line(&mut line).expect("words or none");
+        if line != "ready\n" {
             keeper.wait().expect("it has ended");
             return None;
         }
@@ -69,13 +69,14 @@ impl Apart {
             let file = inside(keeper.id(), "sys/fs/cgroup").join(limit);
             std::fs::write(file, GROUP_LIMIT.to_string()).expect("our own folder");
         }
-        let launcher = launch(&keeper, &recordings, &[&["run"], &words(flight)[..]].concat());
+        let launcher =
+            launch(&keeper, &recordings, &[&["run"], &split_arguments(flight)[..]].concat());
         let flight = Self { keeper, launcher, recordings };
         flight.use_memory(0);
         Some(flight)
     }
 
-    /// Says how much of the limit is used \[bytes\].
+    /// Sets how much of the limit is used \[bytes\].
     fn use_memory(&self, used: u64) {
         for [_, file] in GROUP_FILES {
             let file = inside(self.keeper.id(), "sys/fs/cgroup").join(file);
@@ -98,11 +99,11 @@ impl Apart {
             .expect("a command in the launcher's namespace")
     }
 
-    /// Orders a swap; its exit code, and what was said in one line.
+    /// Orders a swap; its exit code, and its stderr in one line.
     fn swap(&self, arguments: &[&str]) -> (Option<i32>, String) {
         let swap = self.inside(&[&["swap"], arguments].concat());
-        let said = String::from_utf8_lossy(&swap.stderr).replace(['│', '\n'], " ");
-        (swap.status.code(), said.split_whitespace().collect::<Vec<_>>().join(" "))
+        let stderr = String::from_utf8_lossy(&swap.stderr).replace(['│', '\n'], " ");
+        (swap.status.code(), stderr.split_whitespace().collect::<Vec<_>>().join(" "))
     }
 
     fn wait_until_flown(&mut self, until_s: f64) {
@@ -151,7 +152,7 @@ fn launch(keeper: &Child, recordings: &TempDir, arguments: &[&str]) -> Child {
     command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("a launcher")
 }
 
-fn words(line: &str) -> Vec<&str> {
+fn split_arguments(line: &str) -> Vec<&str> {
     line.split_whitespace().collect()
 }
 
@@ -161,12 +162,12 @@ fn no_process_is_started_in_flight_where_shared_memory_is_short() {
     let Some(mut flight) = Apart::fly(165, "hover --for 600s --speed 1") else { return };
     flight.wait_until_flown(0.5);
     let filler = flight.fill(4 << 20);
-    let (code, said) = flight.swap(&["attitude", "--to", "attitude-pid"]);
-    assert_ne!(code, Some(0), "{said}");
-    assert!(said.contains("is not started: /dev/shm has"), "{said}");
+    let (code, stderr) = flight.swap(&["attitude", "--to", "attitude-pid"]);
+    assert_ne!(code, Some(0), "{stderr}");
+    assert!(stderr.contains("is not started: /dev/shm has"), "{stderr}");
     std::fs::remove_file(&filler).expect("our own file");
-    let (code, said) = flight.swap(&["attitude", "--to", "attitude-pid", "--no-rehearsal"]);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, stderr) = flight.swap(&["attitude", "--to", "attitude-pid", "--no-rehearsal"]);
+    assert_eq!(code, Some(0), "{stderr}");
     flight.stop();
 }
 
@@ -176,17 +177,17 @@ fn no_process_is_started_in_flight_where_the_group_may_have_no_more_memory() {
     let Some(mut flight) = Apart::fly(600, "hover --for 600s --speed 1") else { return };
     flight.wait_until_flown(0.5);
     flight.use_memory(GROUP_LIMIT - (20 << 20));
-    let (code, said) = flight.swap(&["attitude", "--to", "attitude-pid"]);
-    assert_ne!(code, Some(0), "{said}");
-    assert!(said.contains("is not started: /sys/fs/cgroup/memory"), "{said}");
-    assert!(said.contains("leaves 20 MB of memory"), "{said}");
+    let (code, stderr) = flight.swap(&["attitude", "--to", "attitude-pid"]);
+    assert_ne!(code, Some(0), "{stderr}");
+    assert!(stderr.contains("is not started: /sys/fs/cgroup/memory"), "{stderr}");
+    assert!(stderr.contains("leaves 20 MB of memory"), "{stderr}");
     let again = flight.inside(&["run", "hover", "--for", "1s", "--no-record"]);
-    let said = String::from_utf8_lossy(&again.stderr);
-    assert_eq!(again.status.code(), Some(3), "{said}");
-    assert!(said.contains("too little memory for a flight"), "{said}");
+    let stderr = String::from_utf8_lossy(&again.stderr);
+    assert_eq!(again.status.code(), Some(3), "{stderr}");
+    assert!(stderr.contains("too little memory for a flight"), "{stderr}");
     flight.use_memory(0);
-    let (code, said) = flight.swap(&["attitude", "--to", "attitude-pid", "--no-rehearsal"]);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, stderr) = flight.swap(&["attitude", "--to", "attitude-pid", "--no-rehearsal"]);
+    assert_eq!(code, Some(0), "{stderr}");
     flight.stop();
 }
 
@@ -220,8 +221,8 @@ fn a_launcher_that_takes_over_reserves_the_memory_of_what_joins() {
     let Some(mut flight) = Apart::fly(600, flight) else { return };
     flight.wait_until_flown(0.05);
     flight.adopt();
-    let (code, said) = flight.swap(&["attitude", "--to", "attitude-pid", "--no-rehearsal"]);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, stderr) = flight.swap(&["attitude", "--to", "attitude-pid", "--no-rehearsal"]);
+    assert_eq!(code, Some(0), "{stderr}");
     wait_until("what has joined has its memory", || unreserved(&flight).is_empty());
     flight.stop();
 }

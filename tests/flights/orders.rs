@@ -39,15 +39,15 @@ fn verify(flown: &Flown) -> Value {
     let mut command = morphquad(["replay"]);
     command.arg(flown.recording_path()).args(["--hash", "--verify", "--format", "json"]);
     let output = command.output().expect("the executable starts");
-    let said = String::from_utf8_lossy(&output.stderr);
+    let stderr = String::from_utf8_lossy(&output.stderr);
     let json: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    assert_eq!(output.status.code(), Some(0), "{json} {said}");
+    assert_eq!(output.status.code(), Some(0), "{json} {stderr}");
     assert_eq!(json["verify"]["identical"], true, "{json}");
     json
 }
 
 /// Exit code, answer and complaint of a command to a run.
-fn say(arguments: &[&str], run: &Running) -> (Option<i32>, String, String) {
+fn run_command(arguments: &[&str], run: &Running) -> (Option<i32>, String, String) {
     let output = morphquad(arguments.iter().chain(&["--run", run.id()])).output();
     let output = output.expect("the executable starts");
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -77,8 +77,8 @@ fn a_trajectory_from_a_file_is_flown_as_given_verified_and_left_by_an_order() {
     let flight = [scenario.to_str().expect("text"), "--for", "12s", "--goto", "0.5,0.5,1@6.5s"];
     let flown = fly(&flight);
     flown.assert_clean();
-    assert_eq!((flown.verdict(), flown.word("scenario")), ("PASSED", "arc"));
-    assert!(flown.number("position_rms_m") < 0.02, "{}", flown.said());
+    assert_eq!((flown.verdict(), flown.text("scenario")), ("PASSED", "arc"));
+    assert!(flown.number("position_rms_m") < 0.02, "{}", flown.output_text());
     let references = references(&flown);
     for [t_s, x_m, y_m, z_m] in arc() {
         let row = references.iter().find(|row| (row.t_s - t_s).abs() < 1e-9).expect("a reference");
@@ -120,9 +120,9 @@ fn a_led_flight_is_smooth_clean_and_where_it_was_told_to_be() {
     let last = arms.last().expect("some").values[0].to_degrees();
     assert!((last - 100.0).abs() < 1e-9, "{last}");
     let orders = flown.summary()["orders"].as_array().expect("orders");
-    let told: Vec<_> = orders.iter().map(|o| o["order"].as_str().expect("words")).collect();
+    let texts: Vec<_> = orders.iter().map(|o| o["order"].as_str().expect("words")).collect();
     assert_eq!(
-        told,
+        texts,
         ["goto 1 -1 2 m, heading 90 deg", "morph 100 deg over 1 s", "goto -1 0.5 1 m"]
     );
     assert!(orders.iter().all(|order| order["scripted"] == true), "{orders:?}");
@@ -135,7 +135,7 @@ fn a_led_flight_is_the_same_in_one_process_and_in_disorder() {
     let processes = led(&[]);
     let alone = led(&["--in-process"]);
     assert_eq!(alone.hash(), processes.hash());
-    assert_eq!(alone.word("log_hash"), processes.word("log_hash"));
+    assert_eq!(alone.text("log_hash"), processes.text("log_hash"));
     assert_eq!(alone.summary()["orders"], processes.summary()["orders"]);
     assert_eq!(led(&["--disorder", "5"]).hash(), processes.hash());
     assert_ne!(fly(&["figure8-morph", "--for", "14s"]).hash(), processes.hash());
@@ -149,8 +149,8 @@ fn a_led_flight_can_be_taken_up_in_the_middle() {
         command.arg(flown.recording_path()).args(["--branch", at, "--format", "json"]);
         let output = command.output().expect("the executable starts");
         let json: Value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(0), "{at}: {json} {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{at}: {json} {stderr}");
         assert!(json.to_string().contains(flown.hash()), "{at}: {json}");
     }
 }
@@ -171,42 +171,49 @@ fn an_injector_that_dies_goes_on_with_what_was_ordered() {
         assert_eq!(pushes, (1.9999..2.9999).contains(&row.t_s), "force at {} s", row.t_s);
     }
     let died = fly(&[path, "--fault", "kill:disturbance-injector@2.5s"]);
-    assert_eq!(died.number("recovered_crashes").to_bits(), 1.0_f64.to_bits(), "{}", died.said());
+    assert_eq!(
+        died.number("recovered_crashes").to_bits(),
+        1.0_f64.to_bits(),
+        "{}",
+        died.output_text()
+    );
     assert_eq!(died.hash(), calm.hash());
     verify(&died);
 }
 
-/// Waits until a run has flown for longer than this, as its launcher says; `words` are told if it never does.
-fn wait_until_flown(run: &str, launcher_pid: u32, flown_s: f64, words: impl Fn() -> String) {
+/// Waits until a run has flown for longer than this, as its launcher reports it; if it never does, the failure shows
+/// `diagnostics`.
+fn wait_until_flown(run: &str, launcher_pid: u32, flown_s: f64, diagnostics: impl Fn() -> String) {
     wait_for("it has flown for long enough", || {
         let status = ps(run).unwrap_or(Value::Null);
         let is_led = status["launcher_pid"] == launcher_pid;
         let is_far = is_led && status["flown_s"].as_f64() > Some(flown_s);
-        if is_far { Ok(()) } else { Err(format!("({flown_s} s): {status} {}", words())) }
+        if is_far { Ok(()) } else { Err(format!("({flown_s} s): {status} {}", diagnostics())) }
     });
 }
 
 fn assert_led_live(pace: &[&str]) {
     let mut running = Running::start_and_fly(&[&["hover", "--for", "600s"][..], pace].concat());
     let done = |arguments: &[&str]| -> Value {
-        let words = [arguments, &["--format", "json"]].concat();
-        let (code, out, diagnostics) = say(&words, &running);
+        let with_format = [arguments, &["--format", "json"]].concat();
+        let (code, out, diagnostics) = run_command(&with_format, &running);
         assert_eq!(code, Some(0), "{arguments:?}: {out} {diagnostics}");
         serde_json::from_str(&out).expect("one JSON object")
     };
     let until =
         |flown_s| wait_until_flown(running.id(), running.launcher_pid(), flown_s, String::new);
-    let seconds = |told: &Value, key: &str| told[key].as_f64().unwrap_or_else(|| panic!("{told}"));
+    let seconds =
+        |reply: &Value, key: &str| reply[key].as_f64().unwrap_or_else(|| panic!("{reply}"));
     let went = done(&["goto", "0.6", "-0.4", "1.8", "45"]);
     assert_eq!(went["reply"], "ordered", "{went}");
     assert!(seconds(&went, "begins_s") > seconds(&went, "at_s"), "{went}");
     let morphed = done(&["morph", "120", "--over", "1500ms"]);
     done(&["disturb", "force", "0", "0", "-0.1", "--for", "500ms", "--in", "100ms"]);
     let blows = done(&["disturb", "wind", "1", "0", "0", "--gust", "0.3"]);
-    let refused = |arguments: &[&str], words: &str| {
-        let (code, out, told) = say(arguments, &running);
-        assert_eq!((code, out.as_str()), (Some(2), ""), "{arguments:?}: {told}");
-        assert!(told.contains(words), "{told}");
+    let refused = |arguments: &[&str], expected: &str| {
+        let (code, out, diagnostics) = run_command(arguments, &running);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{arguments:?}: {diagnostics}");
+        assert!(diagnostics.contains(expected), "{diagnostics}");
     };
     refused(&["goto", "0", "0", "-1"], "from 0.2 to 100");
     refused(&["goto", "1000", "0", "1"], "from -100 to 100");
@@ -219,7 +226,7 @@ fn assert_led_live(pace: &[&str]) {
     until(last_s.max(seconds(&calm, "begins_s")) + 0.1);
     assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
-    assert_eq!(flown.code, Some(130), "{}", flown.said());
+    assert_eq!(flown.code, Some(130), "{}", flown.output_text());
     let orders = flown.summary()["orders"].as_array().expect("orders");
     assert_eq!(orders.len(), 5, "{orders:?}");
     assert!(orders.iter().all(|order| order["scripted"] == false), "{orders:?}");
@@ -260,8 +267,9 @@ fn an_order_by_hand_to_a_run_that_is_adopted_still_holds() {
     let running = Running::start_and_fly(
         &[&["hover", "--clock", "realtime", "--for", "600s"][..], &grace].concat(),
     );
-    let (code, out, said) = say(&["goto", "0.5", "0", "1.7", "--format", "json"], &running);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, out, stderr) =
+        run_command(&["goto", "0.5", "0", "1.7", "--format", "json"], &running);
+    assert_eq!(code, Some(0), "{stderr}");
     let went: Value = serde_json::from_str(&out).expect("JSON");
     running.kill_launcher();
     let run = running.id().to_owned();
@@ -273,9 +281,9 @@ fn an_order_by_hand_to_a_run_that_is_adopted_still_holds() {
         .spawn()
         .expect("the executable starts");
     let there_s = went["done_s"].as_f64().expect("an instant") + 0.1;
-    let words = || std::fs::read_to_string(&log).expect("its words");
-    wait_until_flown(&run, adopter.id(), there_s, words);
-    // On a busy machine that is so at once, before the pilot that it has started has said anything.
+    let diagnostics = || std::fs::read_to_string(&log).expect("its words");
+    wait_until_flown(&run, adopter.id(), there_s, diagnostics);
+    // On a busy machine that is so at once, before the pilot that it has started has published anything.
     wait_until("a reference of the next pilot", || {
         let mut files = std::fs::read_dir(folder.path()).expect("a folder").flatten();
         let recording =
@@ -284,7 +292,7 @@ fn an_order_by_hand_to_a_run_that_is_adopted_still_holds() {
     });
     assert!(kill(adopter.id(), Signal::INT));
     let adopted = Flown::new(&adopter.wait_with_output().expect("an end"), folder);
-    assert_eq!(adopted.code, Some(130), "{}", adopted.said());
+    assert_eq!(adopted.code, Some(130), "{}", adopted.output_text());
     let last = references(&adopted).pop().expect("some").values;
     assert!(distance(&last[..3], &[0.5, 0.0, 1.7]) < 1e-9, "{last:?}");
 }

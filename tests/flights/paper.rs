@@ -1,4 +1,4 @@
-//! `morphquad paper`: the real executable, its files, and what it says when it cannot write them.
+//! `morphquad paper`: the real executable, its files, and its messages when it cannot write them.
 
 use crate::common::morphquad;
 use serde_json::Value;
@@ -31,8 +31,8 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     entries.map(named).collect()
 }
 
-/// What was said on standard error, unwrapped.
-fn words(output: &Output) -> String {
+/// Standard error, unwrapped.
+fn stderr_text(output: &Output) -> String {
     let text = String::from_utf8_lossy(&output.stderr).replace(['│', '\n'], " ");
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
@@ -42,10 +42,10 @@ fn two_runs_pass_and_write_the_same_bytes_but_for_the_compute_times() {
     let folders = [TempDir::new().expect("a folder"), TempDir::new().expect("a folder")];
     let [first, second] = folders.each_ref().map(|folder| {
         let output = paper(&folder.path().join("deep/down"), &[]);
-        assert_eq!(output.status.code(), Some(0), "{}", words(&output));
+        assert_eq!(output.status.code(), Some(0), "{}", stderr_text(&output));
         let text = String::from_utf8(output.stdout).expect("text");
-        for said in ["Test I:", "Test II:", "Test III:", "Not matched:", "figure-6.svg"] {
-            assert!(text.contains(said), "{said}\n{text}");
+        for expected in ["Test I:", "Test II:", "Test III:", "Not matched:", "figure-6.svg"] {
+            assert!(text.contains(expected), "{expected}\n{text}");
         }
         assert!(!text.contains("FAILS"), "{text}");
         assert!(text.lines().all(|line| line.chars().count() <= 150), "{text}");
@@ -75,7 +75,7 @@ fn two_runs_pass_and_write_the_same_bytes_but_for_the_compute_times() {
 fn one_test_alone_is_printed_as_json_and_its_tables_are_rectangular() {
     let folder = TempDir::new().expect("a folder");
     let output = paper(folder.path(), &["--test", "3", "--format", "json"]);
-    assert_eq!(output.status.code(), Some(0), "{}", words(&output));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr_text(&output));
     let summary: Value = serde_json::from_slice(&output.stdout).expect("json");
     assert_eq!(summary["holds"], true);
     assert_eq!(summary["tests"].as_array().map(Vec::len), Some(1));
@@ -118,7 +118,7 @@ fn one_test_alone_is_printed_as_json_and_its_tables_are_rectangular() {
 #[test]
 fn what_is_no_test_or_no_form_is_named_and_nothing_is_written() {
     let folder = TempDir::new().expect("a folder");
-    for (arguments, word) in [
+    for (arguments, expected) in [
         (vec!["--test", "4"], "4"),
         (vec!["--test", "0"], "0"),
         (vec!["--test", "two"], "two"),
@@ -128,7 +128,11 @@ fn what_is_no_test_or_no_form_is_named_and_nothing_is_written() {
     ] {
         let output = paper(&folder.path().join("new"), &arguments);
         assert_eq!(output.status.code(), Some(USAGE), "{arguments:?}");
-        assert!(output.stdout.is_empty() && words(&output).contains(word), "{}", words(&output));
+        assert!(
+            output.stdout.is_empty() && stderr_text(&output).contains(expected),
+            "{}",
+            stderr_text(&output)
+        );
     }
     assert!(!folder.path().join("new").exists());
 }
@@ -137,15 +141,15 @@ fn what_is_no_test_or_no_form_is_named_and_nothing_is_written() {
 fn a_folder_that_cannot_be_and_a_full_disk_are_named_with_the_remedy() {
     let output = paper(Path::new("/dev/null/paper"), &["--test", "1"]);
     assert_eq!(output.status.code(), Some(UNFIT));
-    let said = words(&output);
-    assert!(output.stdout.is_empty() && said.contains("/dev/null/paper"), "{said}");
-    assert!(said.contains("--out DIR"), "{said}");
+    let stderr = stderr_text(&output);
+    assert!(output.stdout.is_empty() && stderr.contains("/dev/null/paper"), "{stderr}");
+    assert!(stderr.contains("--out DIR"), "{stderr}");
 
     let folder = TempDir::new().expect("a folder");
     std::os::unix::fs::symlink("/dev/full", folder.path().join("figure-5.svg")).expect("a link");
     let output = paper(folder.path(), &["--test", "3"]);
     assert_eq!(output.status.code(), Some(UNFIT));
-    let said = words(&output);
-    assert!(output.stdout.is_empty() && said.contains("figure-5.svg"), "{said}");
-    assert!(said.contains("space") && said.contains("--out DIR"), "{said}");
+    let stderr = stderr_text(&output);
+    assert!(output.stdout.is_empty() && stderr.contains("figure-5.svg"), "{stderr}");
+    assert!(stderr.contains("space") && stderr.contains("--out DIR"), "{stderr}");
 }

@@ -79,9 +79,9 @@ fn a_flight_whose_executable_is_removed_still_starts_rehearses_and_swaps() {
     // As the linker does when it builds anew; nothing but the launcher runs yet.
     fs::remove_file(&executable).expect("it can be removed");
     let flown = Flown::new(&flight.wait_with_output().expect("it ends"), folder);
-    assert_eq!(flown.code, Some(0), "{}", flown.said());
-    assert_eq!(flown.summary()["swaps"][0]["done"], true, "{}", flown.said());
-    assert_eq!(flown.summary()["recovered_crashes"], 1, "{}", flown.said());
+    assert_eq!(flown.code, Some(0), "{}", flown.output_text());
+    assert_eq!(flown.summary()["swaps"][0]["done"], true, "{}", flown.output_text());
+    assert_eq!(flown.summary()["recovered_crashes"], 1, "{}", flown.output_text());
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn a_runs_folder_and_memory_are_closed_to_other_users() {
 }
 
 /// What another user can do in a folder where all may write: name folders after the run and lock them, and try what its
-/// objects permit. It says which do, and keeps its locks until its input ends.
+/// objects permit. It prints which do, and keeps its locks until its input ends.
 const ATTACK: &str = r#"
 cd /dev/shm
 exec 3>&1
@@ -137,8 +137,8 @@ fn another_user_can_neither_wipe_a_run_nor_keep_its_successors_out() {
     attack.args(["-c", ATTACK, "sh", running.id()]).uid(OTHER).gid(OTHER);
     attack.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut attack = attack.spawn().expect("a shell of another user");
-    let mut told = BufReader::new(attack.stdout.take().expect("a pipe")).lines();
-    let objects = told.next().expect("a line").expect("text");
+    let mut lines = BufReader::new(attack.stdout.take().expect("a pipe")).lines();
+    let objects = lines.next().expect("a line").expect("text");
     assert!(objects.parse::<u32>().is_ok_and(|count| count > 50), "{objects}");
 
     let listed = ps(running.id()).expect("the run is listed");
@@ -183,15 +183,15 @@ fn a_restarted_process_keeps_its_name_and_changes_its_number() {
     end(running);
 }
 
-/// What a flight says in a terminal of its own in which `key` is pressed once it flies; after a flight that is stopped,
-/// `then`.
+/// What a flight prints in a terminal of its own in which `key` is pressed once it flies; after a flight that is
+/// stopped, `then` is run.
 fn flown_at_a_terminal(arguments: &str, key: u8, then: &str) -> String {
     let folder = TempDir::new().expect("a folder");
     // A busy machine may take its time.
     let patience = judged(&[]).join(" ");
     let run = format!("{} run {arguments} {patience}", env!("CARGO_BIN_EXE_morphquad"));
-    let told = "echo \"code $?.\"";
-    let shell = format!("{run} --record {}; {told}; {then}", folder.path().display());
+    let print_code = "echo \"code $?.\"";
+    let shell = format!("{run} --record {}; {print_code}; {then}", folder.path().display());
     // With job control, as at a prompt.
     let command = format!("bash -m -c '{shell}'");
     let mut terminal = in_a_terminal(&command);
@@ -201,20 +201,20 @@ fn flown_at_a_terminal(arguments: &str, key: u8, then: &str) -> String {
     };
     wait_until("it flies", recorded);
     terminal.stdin.as_mut().expect("a keyboard").write_all(&[key]).expect("it hears");
-    let said = terminal.wait_with_output().expect("it ends").stdout;
-    String::from_utf8_lossy(&said).into_owned()
+    let stdout = terminal.wait_with_output().expect("it ends").stdout;
+    String::from_utf8_lossy(&stdout).into_owned()
 }
 
 #[test]
 fn control_z_stops_a_flight_at_its_terminal_and_fg_takes_it_up() {
-    let said = flown_at_a_terminal("hover --for 20s --speed 2", 0x1a, "fg; echo \"code $?.\"");
-    assert!(said.contains("code 148.") && said.contains("code 0."), "{said}");
+    let stdout = flown_at_a_terminal("hover --for 20s --speed 2", 0x1a, "fg; echo \"code $?.\"");
+    assert!(stdout.contains("code 148.") && stdout.contains("code 0."), "{stdout}");
     let undisturbed = fly(&["hover", "--for", "20s"]);
-    assert!(said.contains(&format!("hash {}", undisturbed.hash())), "{said}");
+    assert!(stdout.contains(&format!("hash {}", undisturbed.hash())), "{stdout}");
 }
 
 #[test]
 fn control_c_at_its_terminal_ends_a_flight_in_order() {
-    let said = flown_at_a_terminal("hover --for 600s --speed 2", 0x03, ":");
-    assert!(said.contains("code 130.") && said.contains("interrupted"), "{said}");
+    let stdout = flown_at_a_terminal("hover --for 600s --speed 2", 0x03, ":");
+    assert!(stdout.contains("code 130.") && stdout.contains("interrupted"), "{stdout}");
 }

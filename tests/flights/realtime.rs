@@ -14,13 +14,13 @@ fn figure8_morph_follows_its_reference_in_realtime_and_the_recorder_loses_nothin
     let duration_s = std::env::var("MORPHQUAD_REALTIME_S").unwrap_or_else(|_| "6".to_owned());
     let duration = format!("{duration_s}s");
     let flown = fly(&["figure8-morph", "--clock", "realtime", "--for", &duration]);
-    assert_eq!(flown.code, Some(0), "{}", flown.said());
-    assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());
-    assert!(flown.number("recovered_crashes") == 0.0, "{}", flown.said());
-    assert!(flown.number("constraint_violations") == 0.0, "{}", flown.said());
-    assert!(flown.number("position_rms_m") <= 0.05, "{}", flown.said());
-    assert!(flown.number("position_max_m") <= 0.15, "{}", flown.said());
-    assert!(flown.number("real_time_factor") <= 1.0, "{}", flown.said());
+    assert_eq!(flown.code, Some(0), "{}", flown.output_text());
+    assert!(flown.number("dropped_samples") == 0.0, "{}", flown.output_text());
+    assert!(flown.number("recovered_crashes") == 0.0, "{}", flown.output_text());
+    assert!(flown.number("constraint_violations") == 0.0, "{}", flown.output_text());
+    assert!(flown.number("position_rms_m") <= 0.05, "{}", flown.output_text());
+    assert!(flown.number("position_max_m") <= 0.15, "{}", flown.output_text());
+    assert!(flown.number("real_time_factor") <= 1.0, "{}", flown.output_text());
     assert!(flown.recording().count_messages_of_a_complete_file() > 1000);
     let misses = ["missed_ticks", "late_samples", "unseen_samples"].map(|key| flown.number(key));
     println!("{misses:?} missed, late, unseen; at most {} m away", flown.number("position_max_m"));
@@ -37,9 +37,17 @@ fn assert_every_miss_has_a_place(flown: &Flown) {
         let of_kind = flown.misses().iter().filter(|m| kinds.iter().any(|kind| m["kind"] == *kind));
         of_kind.map(|m| m["count"].as_f64().expect("a count")).sum()
     };
-    assert!((listed(&["late"]) - flown.number("late_samples")).abs() < 0.5, "{}", flown.said());
+    assert!(
+        (listed(&["late"]) - flown.number("late_samples")).abs() < 0.5,
+        "{}",
+        flown.output_text()
+    );
     // One step can miss several edges.
-    assert!(listed(&["skipped", "not final"]) >= flown.number("missed_ticks"), "{}", flown.said());
+    assert!(
+        listed(&["skipped", "not final"]) >= flown.number("missed_ticks"),
+        "{}",
+        flown.output_text()
+    );
     for miss in flown.misses() {
         let seconds = |key: &str| miss[key].as_f64().expect("an instant");
         let in_order = seconds("first_s") <= seconds("last_s");
@@ -53,10 +61,10 @@ fn a_slow_realtime_flight_without_a_miss_has_the_hash_of_the_lockstep_flight() {
     let arguments = ["figure8-morph", "--for", "1500ms"];
     let lockstep = fly(&[&arguments[..], &["--no-record"]].concat());
     let slow = fly(&[&arguments[..], &["--clock", "realtime", "--speed", "0.2"]].concat());
-    assert_eq!(slow.code, Some(0), "{}", slow.said());
+    assert_eq!(slow.code, Some(0), "{}", slow.output_text());
     assert_every_miss_has_a_place(&slow);
     // A busy machine may miss even so.
-    assert!(slow.hash() == lockstep.hash() || !slow.misses().is_empty(), "{}", slow.said());
+    assert!(slow.hash() == lockstep.hash() || !slow.misses().is_empty(), "{}", slow.output_text());
 }
 
 /// Late samples and steps left out among them.
@@ -75,7 +83,7 @@ fn a_realtime_flight_flown_in_one_process_by_its_recorded_time_is_the_same_fligh
     let recording = flown.recording_path();
     let timing = ["--in-process", "--timing", recording.to_str().expect("a path")];
     let again = fly(&[&flags[..], &timing].concat());
-    assert!(flown.number("missed_ticks") > 0.5, "{}", flown.said());
+    assert!(flown.number("missed_ticks") > 0.5, "{}", flown.output_text());
     assert_eq!(again.misses(), flown.misses());
     assert_eq!(again.hash(), flown.hash());
 }
@@ -97,7 +105,7 @@ fn a_loop_bears_as_long_steps_by_the_wall_clock_as_the_study_of_timing_says() {
             let flags = ["figure8-morph", "--clock", "realtime", "--timing", &step];
             let flown = fly(&[&flags[..], &judged].concat());
             println!("{step}, {share} of the limit: {}", flown.verdict());
-            assert_eq!(flown.code, Some(code), "{step}: {}", flown.said());
+            assert_eq!(flown.code, Some(code), "{step}: {}", flown.output_text());
         }
     }
 }
@@ -106,8 +114,8 @@ fn a_loop_bears_as_long_steps_by_the_wall_clock_as_the_study_of_timing_says() {
 fn time_can_run_faster_than_the_wall_clock_and_slower() {
     for (speed, fastest) in [("0.5", 0.5), ("3", 3.0)] {
         let flown = fly(&["hover", "--clock", "realtime", "--for", "1500ms", "--speed", speed]);
-        assert_eq!(flown.code, Some(0), "{}", flown.said());
-        assert!(flown.number("flown_s") >= 1.5, "{}", flown.said());
-        assert!(flown.number("real_time_factor") <= fastest, "{}", flown.said());
+        assert_eq!(flown.code, Some(0), "{}", flown.output_text());
+        assert!(flown.number("flown_s") >= 1.5, "{}", flown.output_text());
+        assert!(flown.number("real_time_factor") <= fastest, "{}", flown.output_text());
     }
 }

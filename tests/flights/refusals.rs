@@ -1,7 +1,7 @@
 //! A candidate that may not fly does not, for the right reason, and the flight does not notice.
 //!
 //! Candidates are processes of an executable of their own, `tests/common/rogue`, which flies like the template
-//! for users' controllers until its `--config` says otherwise.
+//! for users' controllers until its `--config` sets otherwise.
 
 use crate::common::held::{Held, fly_released};
 use crate::common::misdeeds::{config, rogue};
@@ -20,7 +20,7 @@ fn swaps_of(flown: &Flown) -> &[Value] {
 }
 
 /// Each in turn in one flight: what it does, from when in its shadow of one second on, how much of it,
-/// and what is said of it.
+/// and what is reported of it.
 const MISDEEDS: [(&str, f64, f64, &str); 10] = [
     ("crash-at-once", 0.0, 0.0, "signal 6"),
     ("crash", 0.3, 0.0, "signal 6"),
@@ -49,14 +49,14 @@ fn assert_refused(scenario: &[&str], misdeeds: &[(&str, f64, f64, &str)]) {
         .collect();
     let flags = plan.iter().flat_map(|swap| ["--swap", swap]);
     let flown = fly(&scenario.iter().copied().chain(flags).collect::<Vec<_>>());
-    assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.said());
-    assert_eq!(swaps_of(&flown).len(), misdeeds.len(), "{}", flown.said());
-    for (report, (what, _, _, words)) in swaps_of(&flown).iter().zip(misdeeds) {
+    assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.output_text());
+    assert_eq!(swaps_of(&flown).len(), misdeeds.len(), "{}", flown.output_text());
+    for (report, (what, _, _, reason)) in swaps_of(&flown).iter().zip(misdeeds) {
         let outcome = report["outcome"].as_str().unwrap_or_default();
         assert_eq!((&report["done"], &report["flipped_s"]), (&false.into(), &Value::Null));
-        assert!(outcome.contains(words), "{what}: {outcome}\n{}", flown.stderr);
+        assert!(outcome.contains(reason), "{what}: {outcome}\n{}", flown.stderr);
     }
-    assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
+    assert_eq!(flown.hash(), expected.hash(), "{}", flown.output_text());
 }
 
 #[test]
@@ -101,15 +101,19 @@ fn a_candidate_that_cannot_be_started_is_refused_and_the_flight_stays_as_it_was(
     let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
     for alone in [&[][..], &["--in-process"]] {
         let flown = fly(&[&scenario[..], &flags, alone].concat());
-        assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.said());
-        assert_eq!(swaps_of(&flown).len(), files.len(), "{}", flown.said());
-        assert!(swaps_of(&flown).iter().all(|report| report["done"] == false), "{}", flown.said());
+        assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.output_text());
+        assert_eq!(swaps_of(&flown).len(), files.len(), "{}", flown.output_text());
+        assert!(
+            swaps_of(&flown).iter().all(|report| report["done"] == false),
+            "{}",
+            flown.output_text()
+        );
         for path in &files {
             let name = path.file_name().and_then(|name| name.to_str()).expect("a name");
-            let told = format!("{name} cannot be started: Exec format error");
-            assert!(flown.said().contains(&told), "{}", flown.said());
+            let message = format!("{name} cannot be started: Exec format error");
+            assert!(flown.output_text().contains(&message), "{}", flown.output_text());
         }
-        assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
+        assert_eq!(flown.hash(), expected.hash(), "{}", flown.output_text());
     }
 }
 
@@ -126,10 +130,10 @@ fn a_killed_owner_whose_file_is_gone_makes_room_for_the_initial_controller() {
     let orders = ["--set", "rehearsal.enabled=false", "--swap", &swap, "--fault", "kill:gone@3s"];
     make_executable(&path, script.as_bytes());
     let flown = fly(&[&flight[..], &orders].concat());
-    assert!(!path.exists(), "{}", flown.said());
-    assert_eq!(flown.code, Some(0), "{}", flown.said());
-    assert!(flown.stderr.contains("cannot be started"), "{}", flown.said());
-    assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+    assert!(!path.exists(), "{}", flown.output_text());
+    assert_eq!(flown.code, Some(0), "{}", flown.output_text());
+    assert!(flown.stderr.contains("cannot be started"), "{}", flown.output_text());
+    assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.output_text());
 }
 
 /// Time begins anew in a rehearsal, so that the instant of the crash comes there first.
@@ -139,15 +143,15 @@ fn a_candidate_that_crashes_in_its_rehearsal_is_refused_and_the_crash_is_named()
     let config = config(&folder, "crash", 2.0, 0.0);
     let swap = format!("attitude={}@100ms,shadow=300ms,rollback=100ms,config={config}", rogue());
     let flown = fly(&["hover", "--for", "1500ms", "--no-record", "--swap", &swap]);
-    assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.said());
+    assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.output_text());
     let outcome = swaps_of(&flown)[0]["outcome"].as_str().unwrap_or_default();
-    for words in ["cannot be rehearsed: rogue", "signal 6"] {
-        assert!(outcome.contains(words), "no `{words}` in {outcome}");
+    for expected in ["cannot be rehearsed: rogue", "signal 6"] {
+        assert!(outcome.contains(expected), "no `{expected}` in {outcome}");
     }
 }
 
-/// What misbehaves in nothing is let through: it is not its being a stranger that is refused. All that is
-/// said in the flight follows from its script, wherever the processes run and however busy the machine is.
+/// A candidate that does not misbehave is accepted: it is not refused as a foreign executable. All that is
+/// published in the flight follows from its script, wherever the processes run and however busy the machine is.
 #[test]
 fn the_same_executable_takes_over_when_it_behaves_and_every_such_flight_is_the_same() {
     let folder = TempDir::new().expect("a folder");
@@ -160,27 +164,31 @@ fn the_same_executable_takes_over_when_it_behaves_and_every_such_flight_is_the_s
     ];
     let flags = swaps.iter().flat_map(|swap| ["--swap", swap.as_str()]);
     let scenario: Vec<&str> = ["figure8-morph", "--for", "5s"].into_iter().chain(flags).collect();
-    let said = |flown: &Flown| flown.summary()["log_hash"].as_str().map(str::to_owned);
+    let log_hash = |flown: &Flown| flown.summary()["log_hash"].as_str().map(str::to_owned);
     let first = fly(&scenario);
     first.assert_clean();
-    assert!(said(&first).is_some(), "{}", first.said());
-    assert!(swaps_of(&first).iter().all(|report| report["done"] == true), "{}", first.said());
+    assert!(log_hash(&first).is_some(), "{}", first.output_text());
+    assert!(
+        swaps_of(&first).iter().all(|report| report["done"] == true),
+        "{}",
+        first.output_text()
+    );
     for pin in ["none", "0"] {
         let flown = fly(&[&scenario[..], &["--pin", pin, "--disorder=7"]].concat());
-        assert_eq!(said(&flown), said(&first), "--pin {pin}: {}", flown.said());
+        assert_eq!(log_hash(&flown), log_hash(&first), "--pin {pin}: {}", flown.output_text());
     }
 }
 
-struct Said {
+struct CommandOutput {
     code: Option<i32>,
-    words: String,
+    text: String,
 }
 
-fn say(arguments: &[&str]) -> Said {
+fn run_command(arguments: &[&str]) -> CommandOutput {
     let output = morphquad(arguments).output().expect("the executable starts");
-    let mut words = String::from_utf8_lossy(&output.stdout).into_owned();
-    words.push_str(&String::from_utf8_lossy(&output.stderr));
-    Said { code: output.status.code(), words }
+    let mut text = String::from_utf8_lossy(&output.stdout).into_owned();
+    text.push_str(&String::from_utf8_lossy(&output.stderr));
+    CommandOutput { code: output.status.code(), text }
 }
 
 #[test]
@@ -190,8 +198,8 @@ fn every_refusal_has_its_exit_code() {
     let rogue = rogue();
     let running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "4"]);
     let run = ["--run", running.id()];
-    let swap = |rest: &[&str]| say(&[&["swap"], rest, &run].concat());
-    for (what, amount, code, words) in [
+    let swap = |rest: &[&str]| run_command(&[&["swap"], rest, &run].concat());
+    for (what, amount, code, expected) in [
         ("offset", 0.1, 1, "is allowed"),
         ("not-a-number", 0.0, 1, "NaN"),
         ("crash", 0.0, 1, ""),
@@ -199,26 +207,26 @@ fn every_refusal_has_its_exit_code() {
         ("old-build", 0.0, 1, ""),
     ] {
         let config = config(&folder, what, 0.0, amount);
-        let said = swap(&["attitude", "--to", rogue, "--config", &config, "--shadow", "600ms"]);
-        assert_eq!(said.code, Some(code), "{what}: {}", said.words);
-        assert!(said.words.contains(words), "{what}: {}", said.words);
+        let output = swap(&["attitude", "--to", rogue, "--config", &config, "--shadow", "600ms"]);
+        assert_eq!(output.code, Some(code), "{what}: {}", output.text);
+        assert!(output.text.contains(expected), "{what}: {}", output.text);
     }
-    for (rest, code, words) in [
+    for (rest, code, expected) in [
         (&["altitude", "--to", "attitude-mpc"][..], 2, "slot"),
         (&["attitude", "--to", "attitude-mpq"], 2, "attitude-mpq"),
         (&["attitude", "--to", "position-mpc"], 2, "position"),
         (&["attitude", "--to", "attitude-mpc@0"], 2, "already"),
     ] {
-        let said = swap(rest);
-        assert_eq!(said.code, Some(code), "{rest:?}: {}", said.words);
-        assert!(said.words.contains(words), "{rest:?}: {}", said.words);
+        let output = swap(rest);
+        assert_eq!(output.code, Some(code), "{rest:?}: {}", output.text);
+        assert!(output.text.contains(expected), "{rest:?}: {}", output.text);
     }
-    let said = say(&["swap", "attitude", "--to", "attitude-mpc", "--run", "no-such-run"]);
-    assert_eq!(said.code, Some(2), "{}", said.words);
+    let output = run_command(&["swap", "attitude", "--to", "attitude-mpc", "--run", "no-such-run"]);
+    assert_eq!(output.code, Some(2), "{}", output.text);
     let second = Running::start_and_fly(&["hover", "--for", "60s", "--speed", "1"]);
-    let said = say(&["swap", "attitude", "--to", "attitude-mpc"]);
-    assert_eq!(said.code, Some(2), "{}", said.words);
-    assert!(said.words.contains(running.id()) && said.words.contains("--run"), "{}", said.words);
+    let output = run_command(&["swap", "attitude", "--to", "attitude-mpc"]);
+    assert_eq!(output.code, Some(2), "{}", output.text);
+    assert!(output.text.contains(running.id()) && output.text.contains("--run"), "{}", output.text);
     end(second);
     // A shadow of a minute is still there when the next is asked for.
     let mut first = morphquad(["swap", "attitude", "--to", "attitude-pid", "--shadow", "60s"])
@@ -226,12 +234,12 @@ fn every_refusal_has_its_exit_code() {
         .spawn()
         .expect("the executable starts");
     wait_until("the candidate", || {
-        say(&["ps", "--run", running.id()]).words.contains("attitude-pid")
+        run_command(&["ps", "--run", running.id()]).text.contains("attitude-pid")
     });
-    let said = swap(&["attitude", "--to", "attitude-lqr"]);
-    assert_eq!(said.code, Some(3), "{}", said.words);
+    let output = swap(&["attitude", "--to", "attitude-lqr"]);
+    assert_eq!(output.code, Some(3), "{}", output.text);
     wait_until("its departure", || {
-        say(&["retire", "attitude-pid", "--run", running.id()]).code == Some(0)
+        run_command(&["retire", "attitude-pid", "--run", running.id()]).code == Some(0)
     });
     assert_eq!(first.wait().expect("it ends").code(), Some(1));
     end(running);
@@ -254,19 +262,23 @@ fn a_stranger_that_forges_commands_states_and_records_changes_no_bit_and_is_name
         Command::new(executable).args(["stray", &folder]).spawn().expect("the executable starts");
     let pid = stray.id().to_string();
     let flown = held.release();
-    // It is there to the end, so that the launcher can tell what it is.
+    // It is there to the end, so that the launcher can identify it.
     stray.kill().expect("it still writes");
     stray.wait().expect("it ends");
-    assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
+    assert_eq!(flown.hash(), expected.hash(), "{}", flown.output_text());
     let named = format!("process {pid} (rogue) publishes without being registered on ");
-    let said = flown.said();
-    let services = said.lines().filter_map(|line| Some(line.split_once(&named)?.1));
+    let output_text = flown.output_text();
+    let services = output_text.lines().filter_map(|line| Some(line.split_once(&named)?.1));
     let services: Vec<&str> =
         services.flat_map(|list| list.split(": ").next().unwrap_or(list).split(", ")).collect();
     for service in ["wrench_command", "attitude_owner", "state/estimator", "clock", "registry"] {
-        assert!(services.contains(&service), "{service}: {said}");
+        assert!(services.contains(&service), "{service}: {output_text}");
     }
-    assert!(flown.said().contains("samples from unregistered publishers"), "{}", flown.said());
+    assert!(
+        flown.output_text().contains("samples from unregistered publishers"),
+        "{}",
+        flown.output_text()
+    );
 }
 
 #[test]
@@ -291,13 +303,13 @@ fn services_that_another_program_removes_in_flight_are_put_back_and_told() {
     }
     wait_until("they are put back", || removed.iter().all(|file| file.exists()));
     let flown = held.release();
-    assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
-    assert!(flown.number("recovered_crashes") > 0.0, "{}", flown.said());
+    assert_eq!(flown.hash(), expected.hash(), "{}", flown.output_text());
+    assert!(flown.number("recovered_crashes") > 0.0, "{}", flown.output_text());
     let text = "another program has removed services of this run (";
-    // The launcher may look while they are being removed, and tells what it has put back each time.
+    // The launcher may look while they are being removed, and reports each time what it has put back.
     let mut lines = flown.stderr.lines().filter(|line| line.contains(text)).peekable();
-    assert!(lines.peek().is_some(), "{}", flown.said());
-    assert!(lines.all(|line| line.ends_with("): they are there again")), "{}", flown.said());
+    assert!(lines.peek().is_some(), "{}", flown.output_text());
+    assert!(lines.all(|line| line.ends_with("): they are there again")), "{}", flown.output_text());
     let recording = flown.summary()["recording"].as_str().map(Path::new).expect("it is recorded");
     assert!(Recording::read(recording).mentions(text));
 }

@@ -15,18 +15,18 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// What `morphquad replay` said.
-struct Said {
+/// Exit code and output of `morphquad replay`.
+struct ReplayOutput {
     code: Option<i32>,
     json: Value,
     stderr: String,
 }
 
-fn replay(file: &Path, arguments: &[&str]) -> Said {
+fn replay(file: &Path, arguments: &[&str]) -> ReplayOutput {
     let mut command = morphquad(["replay"]);
     command.arg(file).args(arguments).args(["--format", "json"]);
     let output = command.output().expect("the executable starts");
-    Said {
+    ReplayOutput {
         code: output.status.code(),
         json: serde_json::from_slice(&output.stdout).unwrap_or(Value::Null),
         stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
@@ -35,12 +35,12 @@ fn replay(file: &Path, arguments: &[&str]) -> Said {
 
 /// Verifies every service and gives the answer.
 fn assert_identical(file: &Path) -> Value {
-    let said = replay(file, &["--verify"]);
-    let verify = said.json["verify"].clone();
-    assert_eq!(verify["identical"], true, "{} {}", said.json, said.stderr);
-    assert_eq!(said.code, Some(0), "{}", said.stderr);
+    let output = replay(file, &["--verify"]);
+    let verify = output.json["verify"].clone();
+    assert_eq!(verify["identical"], true, "{} {}", output.json, output.stderr);
+    assert_eq!(output.code, Some(0), "{}", output.stderr);
     let services = verify["services"].as_array().expect("services").iter();
-    // Executables of users are not flown again: what they said is taken as it was.
+    // Executables of users are not flown again: what they published is taken from the recording.
     for service in services.filter(|service| service["left_out"].is_null()) {
         for key in ["steps", "samples", "states"] {
             assert!(service[key].as_u64() > Some(0), "{key}: {service}");
@@ -50,10 +50,10 @@ fn assert_identical(file: &Path) -> Value {
 }
 
 fn assert_hashes_agree(flown: &Flown) {
-    let said = replay(&flown.recording_path(), &["--hash"]);
-    assert_eq!(said.code, Some(0), "{} {}", said.json, said.stderr);
-    assert_eq!(said.json["hashes"]["hash"], flown.hash());
-    assert_eq!(said.json["hashes"]["log_hash"], flown.word("log_hash"));
+    let output = replay(&flown.recording_path(), &["--hash"]);
+    assert_eq!(output.code, Some(0), "{} {}", output.json, output.stderr);
+    assert_eq!(output.json["hashes"]["hash"], flown.hash());
+    assert_eq!(output.json["hashes"]["log_hash"], flown.text("log_hash"));
 }
 
 #[test]
@@ -130,8 +130,8 @@ fn a_flight_with_asap_edges_is_verified_by_what_took_effect_when() {
 
 #[test]
 fn every_life_of_a_restarted_process_is_verified() {
-    // In realtime a successor that publishes its state seldom may say something else in the steps
-    // that it repeats, and the recorder keeps what was said first: those are struck in lockstep.
+    // In realtime a successor that publishes its state seldom may publish something else in the steps
+    // that it repeats, and the recorder keeps what was published first: those are struck in lockstep.
     let strikes = [
         ("attitude-mpc", ["--clock", "realtime"]),
         ("estimator", ["--speed", "2"]),
@@ -149,7 +149,7 @@ fn every_life_of_a_restarted_process_is_verified() {
         running.fly_on(0.5);
         assert!(kill(running.launcher_pid(), Signal::INT));
         let flown = running.wait();
-        assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.said());
+        assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.output_text());
         assert_identical(&flown.recording_path());
         assert_hashes_agree(&flown);
     }
@@ -169,24 +169,27 @@ fn a_trip_in_the_window_or_at_its_end_gives_the_fallback_the_slot_and_is_verifie
         let swap = format!("attitude={}@1s,{how}", rogue());
         let fallback = format!("monitor.fallback=\"{fallback}\"");
         let flown = fly(&["figure8-morph", "--for", "5s", "--swap", &swap, "--set", &fallback]);
-        let said = flown.said();
-        assert!(said.contains("limit 0.210 rad; attitude-mpc@0 is to take over"), "{said}");
+        let output_text = flown.output_text();
+        assert!(
+            output_text.contains("limit 0.210 rad; attitude-mpc@0 is to take over"),
+            "{output_text}"
+        );
         let trips = flown.recording().series("trip", &["epoch"]).len();
-        assert_eq!(trips, 1, "{said}");
-        assert!(flown.number("position_max_m") < 0.5, "{said}");
+        assert_eq!(trips, 1, "{output_text}");
+        assert!(flown.number("position_max_m") < 0.5, "{output_text}");
         assert_identical(&flown.recording_path());
         assert_hashes_agree(&flown);
     }
 }
 
-/// Within the window of a swap the owner before it is the fallback, and what the standby says is for none of the loops.
+/// Within the window of a swap the owner before it is the fallback, and no loop follows what the standby publishes.
 #[test]
 fn a_standby_that_is_the_fallback_again_after_a_window_has_lost_nothing() {
     let standby = ["--standby", "attitude=attitude-lqr"];
     let swap = ["--swap", "attitude=attitude-pid@2s,shadow=500ms"];
     let flown = fly(&[&["hover", "--for", "5s"][..], &standby, &swap].concat());
     flown.assert_clean();
-    assert_eq!(flown.summary()["swaps"][0]["done"], true, "{}", flown.said());
+    assert_eq!(flown.summary()["swaps"][0]["done"], true, "{}", flown.output_text());
     assert_identical(&flown.recording_path());
     assert_hashes_agree(&flown);
 }
@@ -210,9 +213,9 @@ fn one_changed_bit_is_found_and_named() {
         },
     );
     assert!(changed);
-    let said = replay(&copy, &["--verify"]);
-    assert_eq!(said.code, Some(1), "{}", said.stderr);
-    let first = &said.json["verify"]["first_difference"];
+    let output = replay(&copy, &["--verify"]);
+    assert_eq!(output.code, Some(1), "{}", output.stderr);
+    let first = &output.json["verify"]["first_difference"];
     assert_eq!(first["service"], "plant");
     assert_eq!((&first["topic"], &first["field"]), (&"imu".into(), &"gyro_b_rad_s[1]".into()));
     assert_eq!(first["release"], 499);
@@ -230,9 +233,9 @@ fn one_changed_bit_is_found_and_named() {
     bytes[middle] ^= 0x10;
     fs::write(&copy, bytes).expect("a copy");
     for flags in [["--verify"], ["--hash"]] {
-        let said = replay(&copy, &flags);
-        assert_eq!(said.code, Some(2), "{}", said.json);
-        assert!(said.stderr.contains("is damaged near byte"), "{}", said.stderr);
+        let output = replay(&copy, &flags);
+        assert_eq!(output.code, Some(2), "{}", output.json);
+        assert!(output.stderr.contains("is damaged near byte"), "{}", output.stderr);
     }
 }
 
@@ -279,23 +282,25 @@ fn a_recording_of_a_killed_launcher_is_verified_up_to_the_cut() {
     fs::write(&cut, &bytes[..bytes.len() * 3 / 5]).expect("a copy");
     let verify = assert_identical(&cut);
     assert_eq!(verify["complete"], false);
-    let said = replay(&cut, &["--hash"]);
-    assert_eq!((said.code, &said.json["hashes"]["stored_hash"]), (Some(1), &Value::Null));
-    assert_eq!(said.json["hashes"]["agree"], Value::Null);
+    let output = replay(&cut, &["--hash"]);
+    assert_eq!((output.code, &output.json["hashes"]["stored_hash"]), (Some(1), &Value::Null));
+    assert_eq!(output.json["hashes"]["agree"], Value::Null);
 
     // Flown on from before the cut, it is compared as far as the file goes.
     let branch = replay(&cut, &["--branch", "@100ms"]);
-    let told = &branch.json["branch"];
-    assert_eq!((branch.code, &told["identical"]), (Some(0), &true.into()), "{told}");
-    assert_eq!(told["complete"], false, "{told}");
-    let to_s = told["compared_to_s"].as_f64();
-    assert!(to_s > Some(0.1) && to_s < Some(2.0), "{told}");
+    let branched = &branch.json["branch"];
+    assert_eq!((branch.code, &branched["identical"]), (Some(0), &true.into()), "{branched}");
+    assert_eq!(branched["complete"], false, "{branched}");
+    let to_s = branched["compared_to_s"].as_f64();
+    assert!(to_s > Some(0.1) && to_s < Some(2.0), "{branched}");
 
     // Before the first sample is no success.
     fs::write(&cut, &bytes[..places(&bytes, CHUNK)[0] / 2]).expect("a copy");
-    let said = replay(&cut, &["--verify"]);
-    assert_eq!(said.code, Some(2), "{}", said.stderr);
-    assert!(said.json["error"].as_str().is_some_and(|told| told.contains("is cut in its head")));
+    let output = replay(&cut, &["--verify"]);
+    assert_eq!(output.code, Some(2), "{}", output.stderr);
+    assert!(
+        output.json["error"].as_str().is_some_and(|error| error.contains("is cut in its head"))
+    );
 }
 
 #[test]
@@ -304,10 +309,10 @@ fn a_branch_flown_with_a_change_says_that_it_is_one_and_is_not_verified_as_a_fli
     let folder = TempDir::new().expect("a folder");
     let record = ["--record", folder.path().to_str().expect("a path")];
     let branch = |flags: &[&str]| {
-        let said =
+        let output =
             replay(&flown.recording_path(), &[&["--branch", "@605ms"], flags, &record].concat());
-        assert_eq!(said.code, Some(0), "{}", said.stderr);
-        PathBuf::from(said.json["recording"].as_str().expect("a recording"))
+        assert_eq!(output.code, Some(0), "{}", output.stderr);
+        PathBuf::from(output.json["recording"].as_str().expect("a recording"))
     };
     assert_identical(&branch(&[]));
     assert_identical(&branch(&["--for", "1200ms"]));
@@ -324,13 +329,13 @@ fn a_branch_flown_with_a_change_says_that_it_is_one_and_is_not_verified_as_a_fli
         &["--with", env!("CARGO_BIN_EXE_morphquad"), "--service", "attitude-mpc"],
         &["--outputs", outputs, "--service", "attitude-mpc"],
     ] {
-        let said = replay(&changed, flags);
-        assert_eq!((said.code, &said.json["exit"]), (Some(2), &2.into()), "{}", said.stderr);
-        // The terminal's width breaks lines between words.
-        let words = said.stderr.replace(['\n', '│', '×'], " ");
-        let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
-        for part in [flown.word("run"), "at 0.605 s", "plant.mismatch.mass_scale=1.1"] {
-            assert!(words.contains(part), "{part}: {words}");
+        let output = replay(&changed, flags);
+        assert_eq!((output.code, &output.json["exit"]), (Some(2), &2.into()), "{}", output.stderr);
+        // Lines are wrapped at spaces to the width of the terminal.
+        let stderr = output.stderr.replace(['\n', '│', '×'], " ");
+        let stderr = stderr.split_whitespace().collect::<Vec<_>>().join(" ");
+        for part in [flown.text("run"), "at 0.605 s", "plant.mismatch.mass_scale=1.1"] {
+            assert!(stderr.contains(part), "{part}: {stderr}");
         }
     }
     assert_eq!(replay(&changed, &["--branch", "@900ms"]).code, Some(0));
@@ -349,14 +354,14 @@ fn flags_of_one_mode_are_refused_in_another() {
             ["--swap", "attitude=attitude-mpc"],
             ["--out", "folder"],
         ] {
-            let said = replay(file, &[mode, &flag].concat());
-            assert_eq!(said.code, Some(2), "{}", said.stderr);
-            assert!(said.stderr.contains(flag[0]), "{mode:?} {flag:?}: {}", said.stderr);
+            let output = replay(file, &[mode, &flag].concat());
+            assert_eq!(output.code, Some(2), "{}", output.stderr);
+            assert!(output.stderr.contains(flag[0]), "{mode:?} {flag:?}: {}", output.stderr);
         }
     }
-    let said = replay(file, &["--hash", "--service", "plant"]);
-    assert_eq!(said.code, Some(2));
-    assert!(said.stderr.contains("--service"), "{}", said.stderr);
+    let output = replay(file, &["--hash", "--service", "plant"]);
+    assert_eq!(output.code, Some(2));
+    assert!(output.stderr.contains("--service"), "{}", output.stderr);
 }
 
 #[test]
@@ -373,12 +378,12 @@ fn a_recording_of_another_build_is_refused_and_the_type_that_changed_is_named() 
         },
         |_, _, _| {},
     );
-    let said = replay(&copy, &["--verify"]);
-    assert_eq!((said.code, &said.json["exit"]), (Some(2), &2.into()));
-    assert!(said.json["error"].as_str().is_some_and(|error| error.contains("WrenchCommand")));
+    let output = replay(&copy, &["--verify"]);
+    assert_eq!((output.code, &output.json["exit"]), (Some(2), &2.into()));
+    assert!(output.json["error"].as_str().is_some_and(|error| error.contains("WrenchCommand")));
     let ours = format!("{:016x}", shared_types::topics::WRENCH_COMMAND.schema().layout_hash);
     for part in ["copy.mcap", "WrenchCommand", "/wrench_command", "00000000deadbeef", &ours] {
-        assert!(said.stderr.contains(part), "{part}: {}", said.stderr);
+        assert!(output.stderr.contains(part), "{part}: {}", output.stderr);
     }
 }
 
@@ -411,9 +416,9 @@ fn another_controller_departs_where_it_differs_and_nowhere_else() {
         &["--verify", "--service", "attitude"],
         &["--verify", "--set", "attitude_mpc.rate_hz=7"],
     ] {
-        let said = replay(&file, wrong);
+        let output = replay(&file, wrong);
         let expected = if wrong == ["--verify", "--service", "attitude"] { 0 } else { 2 };
-        assert_eq!(said.code, Some(expected), "{wrong:?}: {}", said.stderr);
+        assert_eq!(output.code, Some(expected), "{wrong:?}: {}", output.stderr);
     }
 }
 

@@ -1,4 +1,4 @@
-//! A report says what the samples say, fails by a gate that does not hold, and names what it cannot read.
+//! A report agrees with the samples, fails by a gate that does not hold, and names what it cannot read.
 
 use crate::common::{Flown, fly, morphquad};
 use observe::FACTS;
@@ -14,9 +14,9 @@ fn report(file: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
     (output.status.code(), text(&output.stdout), text(&output.stderr))
 }
 
-fn number<'a>(told: &'a Value, key: &str) -> &'a Value {
-    let mut numbers = told["numbers"].as_array().expect("numbers").iter();
-    numbers.find(|number| number["key"] == key).unwrap_or_else(|| panic!("no {key} in {told}"))
+fn number<'a>(json: &'a Value, key: &str) -> &'a Value {
+    let mut numbers = json["numbers"].as_array().expect("numbers").iter();
+    numbers.find(|number| number["key"] == key).unwrap_or_else(|| panic!("no {key} in {json}"))
 }
 
 #[test]
@@ -41,21 +41,21 @@ fn a_report_opens_with_its_verdict_and_its_numbers_are_those_of_the_flight() {
     }
 
     let (_, out, _) = report(&flown.recording_path(), &["--format", "json"]);
-    let told: Value = serde_json::from_str(&out).expect("JSON");
+    let json: Value = serde_json::from_str(&out).expect("JSON");
     for key in FACTS.iter().map(|fact| fact.key).chain(["line", "verdict", "hash", "log_hash"]) {
-        assert_eq!(told[key], flown.summary()[key], "{key}");
+        assert_eq!(json[key], flown.summary()[key], "{key}");
         // Of a rig alone.
-        assert_eq!(told[key].is_null(), key == "attitude_end_rad", "{key}");
+        assert_eq!(json[key].is_null(), key == "attitude_end_rad", "{key}");
     }
-    let value = |key: &str| number(&told, key)["value"].as_str().expect("a value").to_owned();
+    let value = |key: &str| number(&json, key)["value"].as_str().expect("a value").to_owned();
     assert_eq!(value("hash"), flown.hash());
     assert_eq!(value("position_max_m"), format!("{:.1} mm", flown.number("position_max_m") * 1e3));
     assert_eq!(value("samples"), flown.number("recorded_samples").to_string());
-    assert_eq!(number(&told, "constraint_violations")["gate"], "0");
-    assert!(told["swaps"][0]["done"].as_bool().expect("a swap"), "{}", told["swaps"]);
-    let flip = &told["responses"][0];
+    assert_eq!(number(&json, "constraint_violations")["gate"], "0");
+    assert!(json["swaps"][0]["done"].as_bool().expect("a swap"), "{}", json["swaps"]);
+    let flip = &json["responses"][0];
     assert!(flip["what"].as_str().expect("words").contains("seat 1 commands"), "{flip}");
-    let commands = told["numbers"].as_array().expect("numbers").iter().map(|n| &n["command"]);
+    let commands = json["numbers"].as_array().expect("numbers").iter().map(|n| &n["command"]);
     assert!(commands.clone().all(|command| command.as_str().is_some_and(|c| !c.is_empty())));
 }
 
@@ -63,17 +63,17 @@ fn a_report_opens_with_its_verdict_and_its_numbers_are_those_of_the_flight() {
 fn the_command_that_a_report_names_flies_the_same_flight_again() {
     // As a user would: with settings that no scenario has, a flight is not flown again but verified.
     let folder = tempfile::tempdir().expect("a folder");
-    let words = ["run", "hover", "--seed", "7", "--format", "json", "--record"];
-    let output = morphquad(words).arg(folder.path()).output().expect("the executable starts");
+    let arguments = ["run", "hover", "--seed", "7", "--format", "json", "--record"];
+    let output = morphquad(arguments).arg(folder.path()).output().expect("the executable starts");
     let flown = Flown::new(&output, folder);
     let (_, out, _) = report(&flown.recording_path(), &["--format", "json"]);
-    let told: Value = serde_json::from_str(&out).expect("JSON");
-    let command = told["again"].as_str().expect("a command");
+    let json: Value = serde_json::from_str(&out).expect("JSON");
+    let command = json["again"].as_str().expect("a command");
     assert_eq!(command, "morphquad run hover --seed 7");
-    let numbers = number(&told, "position_rms_m")["command"].as_str().expect("a command");
+    let numbers = number(&json, "position_rms_m")["command"].as_str().expect("a command");
     assert!(numbers.starts_with("morphquad report "), "{numbers}");
-    let words: Vec<_> = command.split(' ').skip(2).collect();
-    assert_eq!(fly(&words).hash(), number(&told, "hash")["value"].as_str().expect("a hash"));
+    let arguments: Vec<_> = command.split(' ').skip(2).collect();
+    assert_eq!(fly(&arguments).hash(), number(&json, "hash")["value"].as_str().expect("a hash"));
 }
 
 #[test]
@@ -97,7 +97,7 @@ fn a_cut_file_fails_and_says_where_and_a_folder_is_judged_as_a_whole() {
         "{out}"
     );
     fs::write(folder.path().join("c.mcap"), b"something else").expect("room");
-    // The others are told of all the same.
+    // The others are reported all the same.
     let (code, out, _) = report(folder.path(), &[]);
     assert_eq!(code, Some(2), "{out}");
     assert!(out.starts_with(&format!("{failed}, and a file cannot be read.")), "{out}");
@@ -138,12 +138,12 @@ fn a_vehicle_that_is_blown_away_and_comes_back_has_not_passed() {
     fs::write(&path, shove).expect("room");
     let flown = fly(&[path.to_str().expect("UTF-8")]);
     let (code, out, _) = report(&flown.recording_path(), &["--format", "json"]);
-    let told: Value = serde_json::from_str(&out).expect("JSON");
-    let largest = number(&told, "tracking_max_m");
+    let json: Value = serde_json::from_str(&out).expect("JSON");
+    let largest = number(&json, "tracking_max_m");
     assert_eq!((code, &largest["holds"]), (Some(1), &Value::from(false)), "{largest}");
-    let line = told["line"].as_str().expect("a line");
+    let line = json["line"].as_str().expect("a line");
     assert!(line.starts_with("FAILED  shove: tracking error "), "{line}");
-    let what: Vec<_> = told["responses"].as_array().expect("responses").iter().collect();
+    let what: Vec<_> = json["responses"].as_array().expect("responses").iter().collect();
     let began = "wind of (14.000, 0.000, 0.000) m/s on average begins";
     assert!(what[0]["what"] == began && what[0]["at_s"] == 2.0, "{what:?}");
 }

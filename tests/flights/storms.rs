@@ -2,7 +2,7 @@
 //! stays where it is to be, only owners command, the recording is whole and can be verified, and nothing is left
 //! behind.
 //!
-//! A scripted storm has exact instants, so that it is flown twice and must be the same flight. `MORPHQUAD_STORMS` says
+//! A scripted storm has exact instants, so that it is flown twice and must be the same flight. `MORPHQUAD_STORMS` sets
 //! how many are flown, `MORPHQUAD_SEED` from which seed on; `cargo run --release -p soak -- --only storms::` flies those
 //! whose orders come by the wall clock, one of each kind for each seed, and writes what comes of them to one file.
 
@@ -60,12 +60,12 @@ fn fly_storms(
     println!("storms {flown:?}: 0 findings");
 }
 
-/// What is wrong with a flight by its exit code, its summary and its recording; `said` goes with it.
-fn judged(code: Option<i32>, summary: &Value, said: &str) -> Vec<String> {
+/// What is wrong with a flight by its exit code, its summary and its recording; a finding shows `output_text`.
+fn judged(code: Option<i32>, summary: &Value, output_text: &str) -> Vec<String> {
     let mut findings = Vec::new();
     let verdict = summary["verdict"]["verdict"].as_str().unwrap_or("none");
     if !FLOWN.contains(&code) || ["LOST", "CRASHED", "none"].contains(&verdict) {
-        findings.push(format!("{verdict}, code {code:?}: {said}"));
+        findings.push(format!("{verdict}, code {code:?}: {output_text}"));
     }
     let recording = summary["recording"].as_str().map(Path::new);
     findings.extend(recording.map(recorded).unwrap_or_default());
@@ -95,11 +95,11 @@ fn recorded(path: &Path) -> Vec<String> {
     let output = verify.output().expect("the executable starts");
     let json: Value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
     if output.status.code() != Some(0) || json["verify"]["identical"] != true {
-        let said = String::from_utf8_lossy(&output.stderr);
+        let stderr = String::from_utf8_lossy(&output.stderr);
         let services = json["verify"]["services"].as_array().cloned().unwrap_or_default();
         let differ: Vec<_> =
             services.iter().filter(|s| s["differences"] != 0 || s["unrecorded"] != 0).collect();
-        findings.push(format!("verify: {:?} {differ:?} {said}", output.status.code()));
+        findings.push(format!("verify: {:?} {differ:?} {stderr}", output.status.code()));
     }
     findings
 }
@@ -122,19 +122,22 @@ fn is_rehearsed(seed: u64) -> bool {
 /// Flies a storm as fast as it can be and once more paced, which must be the same flight.
 fn fly_script(seed: u64, acts: &[(f64, Act)]) -> Vec<String> {
     let script: Vec<String> = acts.iter().flat_map(|(at_s, act)| act.script(*at_s)).collect();
-    let mut words = vec!["hover", "--for", FLIGHT_S];
-    words.extend(script.iter().map(String::as_str));
+    let mut arguments = vec!["hover", "--for", FLIGHT_S];
+    arguments.extend(script.iter().map(String::as_str));
     let unrehearsed = ["--set", "rehearsal.enabled=false"];
-    let first =
-        if is_rehearsed(seed) { fly(&words) } else { fly(&[&words[..], &unrehearsed].concat()) };
-    let mut findings = judged(first.code, first.summary(), &first.said());
-    words.extend(["--speed", "8", "--no-record"]);
+    let first = if is_rehearsed(seed) {
+        fly(&arguments)
+    } else {
+        fly(&[&arguments[..], &unrehearsed].concat())
+    };
+    let mut findings = judged(first.code, first.summary(), &first.output_text());
+    arguments.extend(["--speed", "8", "--no-record"]);
     if !is_refused_by_a_rehearsal(first.summary()) {
-        words.extend(unrehearsed);
+        arguments.extend(unrehearsed);
     }
-    let second = fly(&words);
+    let second = fly(&arguments);
     if first.summary()["hash"] != second.summary()["hash"] {
-        findings.push(format!("another hash the second time: {}", second.said()));
+        findings.push(format!("another hash the second time: {}", second.output_text()));
     }
     findings
 }
@@ -184,23 +187,23 @@ fn fly_orders(scenario: &[&str], acts: &[(f64, Act)]) -> Vec<String> {
                 }
                 Act::Adopt => launchers.replace(run),
                 order => {
-                    let words = order.order().expect("all others are orders");
-                    scope.spawn(move || order_of(run, words));
+                    let arguments = order.order().expect("all others are orders");
+                    scope.spawn(move || order_of(run, arguments));
                 }
             }
         }
     });
     let flown = running.wait();
-    let findings = match launchers.last_words() {
-        Some((code, summary, said)) => judged(code, &summary, &said),
-        None => judged(flown.code, flown.summary(), &flown.said()),
+    let findings = match launchers.end_of_last() {
+        Some((code, summary, stderr)) => judged(code, &summary, &stderr),
+        None => judged(flown.code, flown.summary(), &flown.output_text()),
     };
     wait_until("all processes leave", || processes_of(&run).is_empty());
     wait_until("nothing is left", || left_in_shared_memory(&run).is_empty());
     findings
 }
 
-/// Who leads a flight, one after the other.
+/// The launchers of a flight, one after the other.
 struct Launchers {
     first_pid: u32,
     next: Vec<Child>,
@@ -218,27 +221,27 @@ impl Launchers {
         self.next.push(adopter.expect("the executable starts"));
     }
 
-    /// Exit code, summary and words of the last one, if there is any but the first.
-    fn last_words(mut self) -> Option<(Option<i32>, Value, String)> {
+    /// Exit code, summary and stderr of the last one, if there is any but the first.
+    fn end_of_last(mut self) -> Option<(Option<i32>, Value, String)> {
         let last = self.next.pop()?;
         for mut killed in self.next {
             killed.wait().expect("an end");
         }
         let Output { status, stdout, stderr } = last.wait_with_output().expect("an end");
-        let said = String::from_utf8_lossy(&stderr).into_owned();
+        let stderr = String::from_utf8_lossy(&stderr).into_owned();
         let summary = serde_json::from_slice(&stdout).unwrap_or(Value::Null);
-        Some((status.code(), summary, said))
+        Some((status.code(), summary, stderr))
     }
 }
 
 /// Gives an order; a refusal is an answer like any other.
-fn order_of(run: &str, mut words: Vec<String>) {
-    let at = words.iter().position(|word| word == "--").unwrap_or(words.len());
-    words.splice(at..at, ["--run".to_owned(), run.to_owned()]);
-    let output = morphquad(&words).output().expect("the executable starts");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code().is_some(), "{words:?}: {said}");
-    assert!(output.status.code() != Some(101), "{words:?}: {said}");
+fn order_of(run: &str, mut arguments: Vec<String>) {
+    let at = arguments.iter().position(|argument| argument == "--").unwrap_or(arguments.len());
+    arguments.splice(at..at, ["--run".to_owned(), run.to_owned()]);
+    let output = morphquad(&arguments).output().expect("the executable starts");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code().is_some(), "{arguments:?}: {stderr}");
+    assert!(output.status.code() != Some(101), "{arguments:?}: {stderr}");
 }
 
 /// Every process of this name that there is.

@@ -31,8 +31,8 @@ fn assert_same_twice(arguments: &str, names: &[&str]) -> (String, Value) {
     let scratch = TempDir::new().expect("a folder");
     let runs = ["first", "second"].map(|name| {
         let folder = scratch.path().join("deep").join(name);
-        let (code, out, said) = study(arguments, Some(&folder));
-        assert_eq!((code, said.as_str()), (Some(0), ""), "{out}");
+        let (code, out, stderr) = study(arguments, Some(&folder));
+        assert_eq!((code, stderr.as_str()), (Some(0), ""), "{out}");
         (out, files(&folder))
     });
     let [(out, first), (_, second)] = runs;
@@ -91,9 +91,9 @@ fn random_flights_are_the_same_twice_and_the_worst_can_be_flown_again() {
     let shell = format!("\"$0\" {again} --in-process --no-record --format json");
     let mut command = std::process::Command::new("sh");
     command.args(["-c", &shell, env!("CARGO_BIN_EXE_morphquad")]);
-    let told = command.output().expect("a shell");
-    let told: Value = serde_json::from_slice(&told.stdout).expect("a summary");
-    let apart = flight["max_m"].as_f64().zip(told["tracking_max_m"].as_f64());
+    let output = command.output().expect("a shell");
+    let summary: Value = serde_json::from_slice(&output.stdout).expect("a summary");
+    let apart = flight["max_m"].as_f64().zip(summary["tracking_max_m"].as_f64());
     assert!(apart.is_some_and(|(studied, flown)| (studied - flown).abs() < 1e-6), "{apart:?}");
 }
 
@@ -101,16 +101,16 @@ fn random_flights_are_the_same_twice_and_the_worst_can_be_flown_again() {
 fn json_on_stdout_is_one_object_and_nothing_else() {
     for arguments in ["morphing --quick --seeds 1 --format json", "stability --quick --format json"]
     {
-        let (code, out, said) = study(arguments, None);
-        assert_eq!((code, said.as_str()), (Some(0), ""), "{arguments}");
+        let (code, out, stderr) = study(arguments, None);
+        assert_eq!((code, stderr.as_str()), (Some(0), ""), "{arguments}");
         assert!(serde_json::from_str::<Value>(&out).expect("JSON").is_object());
     }
 }
 
 #[test]
 fn the_stability_of_other_sizes_and_rates_can_be_asked_for() {
-    let (code, out, said) = study("stability --quick --rate 150 --angle 160", None);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, out, stderr) = study("stability --quick --rate 150 --angle 160", None);
+    assert_eq!(code, Some(0), "{stderr}");
     assert!(out.contains("150 Hz, 160 degrees"), "{out}");
 }
 
@@ -125,17 +125,17 @@ fn impossible_requests_end_with_2_and_a_remedy_and_an_unwritable_folder_with_3()
         ("random --set position_mpc.tilt_wait=2", "tilt_wait", "tilt_weight"),
         ("random --controller position=nothing", "nothing", "position-pid"),
     ] {
-        let (code, out, said) = study(bad, None);
-        assert_eq!((code, out.as_str()), (Some(2), ""), "{bad}: {said}");
-        assert!(said.contains(flag) && said.contains(remedy), "{bad}: {said}");
+        let (code, out, stderr) = study(bad, None);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{bad}: {stderr}");
+        assert!(stderr.contains(flag) && stderr.contains(remedy), "{bad}: {stderr}");
     }
     for bad in ["morphing --seeds 0", "morphing --seeds many", "stability --rate fast", "mopping"] {
         let (code, out, _) = study(bad, None);
         assert_eq!((code, out.as_str()), (Some(2), ""), "{bad}");
     }
     for command in ["morphing --quick", "stability --quick"] {
-        let (code, out, said) = study(command, Some(Path::new("/dev/null/results")));
-        assert_eq!((code, out.as_str()), (Some(3), ""), "{command}: {said}");
-        assert!(said.contains("/dev/null/results") && said.contains("--out"), "{said}");
+        let (code, out, stderr) = study(command, Some(Path::new("/dev/null/results")));
+        assert_eq!((code, out.as_str()), (Some(3), ""), "{command}: {stderr}");
+        assert!(stderr.contains("/dev/null/results") && stderr.contains("--out"), "{stderr}");
     }
 }

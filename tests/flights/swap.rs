@@ -83,8 +83,8 @@ fn null_swaps_of_both_slots_while_morphing_in_gusts_change_no_bit_of_the_flight(
         plan.iter_mut().step_by(every).for_each(|swap| swap.push_str(",rehearse"));
         let flown = fly_scripted(&scenario, &plan, &[]);
         flown.assert_clean();
-        assert_eq!(done(&flown), plan.len(), "{}", flown.said());
-        assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
+        assert_eq!(done(&flown), plan.len(), "{}", flown.output_text());
+        assert_eq!(flown.hash(), expected.hash(), "{}", flown.output_text());
         for report in reports(&flown) {
             assert_eq!(report["same_kind"], true, "{report}");
             assert_eq!(report["bump"].as_f64(), Some(0.0), "{report}");
@@ -120,7 +120,7 @@ fn storm(
     while at_ms + shadow + rollback < 18_500 {
         let mut name = pick(random, names);
         let over = shadow + rollback + 120;
-        let mut told = String::new();
+        let mut option = String::new();
         let fate = if owner_turns_to_garbage { 6 } else { below(random, 6) };
         let pain_ms = at_ms + below(random, over);
         let mut recovery_ms = if owner_turns_to_garbage { 1_800 } else { 0 };
@@ -133,19 +133,20 @@ fn storm(
                 let from_ms = if owner_turns_to_garbage { pain_ms + over } else { pain_ms };
                 recovery_ms = if owner_turns_to_garbage { 0 } else { 1_800 };
                 let what = pick(random, &["not-a-number", "beyond-bounds"]);
-                told = format!(",config={}", config(folder, what, from_ms as f64 * 1e-3, 0.0));
+                option = format!(",config={}", config(folder, what, from_ms as f64 * 1e-3, 0.0));
                 plan.spoilt += 1;
             }
             _ if fate < 3 => {
-                let who = pick(random, &[names[0], name]);
+                let victim = pick(random, &[names[0], name]);
                 let kind = pick(random, &["kill", "stop"]);
-                plan.faults.push(format!("{kind}:{who}@{pain_ms}ms"));
+                plan.faults.push(format!("{kind}:{victim}@{pain_ms}ms"));
                 recovery_ms = 1_800;
             }
             _ => {}
         }
-        plan.swaps
-            .push(format!("{slot}={name}@{at_ms}ms,shadow={shadow}ms,rollback={rollback}ms{told}"));
+        plan.swaps.push(format!(
+            "{slot}={name}@{at_ms}ms,shadow={shadow}ms,rollback={rollback}ms{option}"
+        ));
         at_ms += over + recovery_ms + below(random, 200);
     }
 }
@@ -182,7 +183,7 @@ fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
             |report: &&Value| report["ended"] == "refused" || report["ended"] == "taken-back";
         let code =
             if reports(&flown).iter().any(|report| has_failed(&report)) { SWAP_FAILED } else { 0 };
-        assert_eq!(flown.code, Some(code), "{scripted}\n{}", flown.said());
+        assert_eq!(flown.code, Some(code), "{scripted}\n{}", flown.output_text());
         for report in reports(&flown).iter().filter(|report| !report["flipped_s"].is_null()) {
             let limit = if report["same_kind"] == true { 0.01 } else { 0.10 };
             let bump = report["bump"].as_f64().unwrap_or(0.0);
@@ -191,13 +192,13 @@ fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
             flipped += 1;
         }
         for none in ["unguided_ticks", "duplicated_ticks", "wrong_owner_ticks"] {
-            assert_eq!(flown.summary()[none], 0, "{none}: {scripted}\n{}", flown.said());
+            assert_eq!(flown.summary()[none], 0, "{none}: {scripted}\n{}", flown.output_text());
         }
         ticks += flown.number("flown_s") * 1e3;
         hurt += plan.faults.len();
         spoilt += plan.spoilt;
         furthest_m = furthest_m.max(flown.number("position_max_m"));
-        assert!(furthest_m <= 0.5, "{}", flown.said());
+        assert!(furthest_m <= 0.5, "{}", flown.output_text());
         made += plan.swaps.len();
         println!(
             "{made} swaps asked for, {flipped} made, {hurt} deaths and stops, {spoilt} told to write \
@@ -218,16 +219,16 @@ fn owner_and_fallback_killed_together_leave_no_command_and_the_vehicle_in_its_tu
             ["figure8-morph", "--for", "8s"].into_iter().chain(standbys).collect();
         let together = [owner, fallback].map(|name| format!("kill:{name}@2500ms"));
         let flown = fly_scripted(&scenario, &[], &together);
-        assert_eq!(flown.code, Some(0), "{}", flown.said());
-        assert_eq!(flown.summary()["wrong_owner_ticks"], 0, "{}", flown.said());
-        assert_eq!(flown.summary()["duplicated_ticks"], 0, "{}", flown.said());
+        assert_eq!(flown.code, Some(0), "{}", flown.output_text());
+        assert_eq!(flown.summary()["wrong_owner_ticks"], 0, "{}", flown.output_text());
+        assert_eq!(flown.summary()["duplicated_ticks"], 0, "{}", flown.output_text());
         if owner == "attitude-mpc" {
             // Two periods of the last command, and the rest of the way to the new one's first.
             let unguided = flown.number("unguided_ticks");
-            assert!((1.0..=150.0).contains(&unguided), "{}", flown.said());
+            assert!((1.0..=150.0).contains(&unguided), "{}", flown.output_text());
         }
-        assert!(flown.number("position_max_m") <= 0.5, "{}", flown.said());
-        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+        assert!(flown.number("position_max_m") <= 0.5, "{}", flown.output_text());
+        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.output_text());
     }
 }
 
@@ -238,9 +239,9 @@ fn a_killed_owner_with_a_warm_fallback_is_followed_within_two_periods() {
     for kind in ["kill", "stop"] {
         let faults = [format!("{kind}:attitude-mpc@2500ms")];
         let flown = fly_scripted(&["figure8-morph", "--for", "8s"], &swap, &faults);
-        assert_eq!(flown.code, Some(0), "{}", flown.said());
-        assert!(flown.number("unguided_ticks") < 1.0, "{}", flown.said());
-        assert!(flown.number("position_max_m") < 0.05, "{}", flown.said());
+        assert_eq!(flown.code, Some(0), "{}", flown.output_text());
+        assert!(flown.number("unguided_ticks") < 1.0, "{}", flown.output_text());
+        assert!(flown.number("position_max_m") < 0.05, "{}", flown.output_text());
     }
 }
 
@@ -249,9 +250,9 @@ fn a_killed_owner_without_a_fallback_is_started_again_and_the_vehicle_comes_back
     for slot in ["attitude-mpc", "position-mpc"] {
         let faults = [format!("kill:{slot}@2500ms")];
         let flown = fly_scripted(&["figure8-morph", "--for", "9s"], &[], &faults);
-        assert_eq!(flown.code, Some(0), "{}", flown.said());
-        assert!(flown.number("unguided_ticks") <= 150.0, "{}", flown.said());
-        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+        assert_eq!(flown.code, Some(0), "{}", flown.output_text());
+        assert!(flown.number("unguided_ticks") <= 150.0, "{}", flown.output_text());
+        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.output_text());
     }
 }
 
@@ -265,11 +266,15 @@ fn a_failed_candidate_without_a_fallback_makes_room_for_the_initial_controller()
         let swap = format!("attitude={}@1s,shadow=1s,rollback=300ms,config={config}", rogue());
         let scenario = ["figure8-morph", "--for", "10s", "--set", "monitor.fallback=none"];
         let flown = fly_scripted(&scenario, &[swap], &[]);
-        assert_eq!(flown.code, Some(code), "{}", flown.said());
-        assert!(flown.stderr.contains("what the flight began with"), "{}", flown.said());
-        assert!((1.0..=unguided).contains(&flown.number("unguided_ticks")), "{}", flown.said());
-        assert!(flown.number("position_max_m") <= furthest_m, "{}", flown.said());
-        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+        assert_eq!(flown.code, Some(code), "{}", flown.output_text());
+        assert!(flown.stderr.contains("what the flight began with"), "{}", flown.output_text());
+        assert!(
+            (1.0..=unguided).contains(&flown.number("unguided_ticks")),
+            "{}",
+            flown.output_text()
+        );
+        assert!(flown.number("position_max_m") <= furthest_m, "{}", flown.output_text());
+        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.output_text());
     }
 }
 
@@ -280,8 +285,8 @@ fn an_untrusted_owner_that_fails_after_its_window_falls_back_to_the_last_proven_
         let config = config(&folder, what, 4.0, 0.0);
         let swap = format!("attitude={}@1s,shadow=1s,rollback=300ms,config={config}", rogue());
         let flown = fly_scripted(&["figure8-morph", "--for", "8s"], &[swap], &[]);
-        assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.said());
-        assert!(flown.number("unguided_ticks") <= 20.0, "{}", flown.said());
-        assert!(flown.number("position_max_m") <= 0.1, "{}", flown.said());
+        assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.output_text());
+        assert!(flown.number("unguided_ticks") <= 20.0, "{}", flown.output_text());
+        assert!(flown.number("position_max_m") <= 0.1, "{}", flown.output_text());
     }
 }

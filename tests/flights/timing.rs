@@ -15,25 +15,25 @@ fn timed(flags: &[&str], scripts: &[&str]) -> Flown {
     in_processes(&[flags, &["--in-process"]].concat(), scripts)
 }
 
-/// Flies with these scripts, in processes unless the flags say otherwise.
+/// Flies with these scripts, in processes unless the flags select otherwise.
 fn in_processes(flags: &[&str], scripts: &[&str]) -> Flown {
     let scripts = scripts.iter().flat_map(|script| ["--timing", *script]);
     let flags: Vec<&str> = flags.iter().copied().chain(scripts).collect();
     fly(&flags)
 }
 
-/// What a flight tells beside the time that it took.
-fn told(flown: &Flown) -> Vec<Value> {
+/// What a flight reports apart from the time that it took.
+fn reported(flown: &Flown) -> Vec<Value> {
     let counts = ["hash", "verdict", "misses", "missed_ticks", "late_samples", "unseen_samples"];
     let others =
         ["safe_mode_episodes", "dropped_samples", "flown_ns", "swaps", "recovered_crashes"];
-    let told = counts.iter().chain(&others).map(|key| flown.summary()[key].clone());
-    told.chain([Value::from(flown.code)]).collect()
+    let reported = counts.iter().chain(&others).map(|key| flown.summary()[key].clone());
+    reported.chain([Value::from(flown.code)]).collect()
 }
 
 /// A number of the summary that counts.
 fn count(flown: &Flown, key: &str) -> u64 {
-    flown.summary()[key].as_u64().unwrap_or_else(|| panic!("no {key}: {}", flown.said()))
+    flown.summary()[key].as_u64().unwrap_or_else(|| panic!("no {key}: {}", flown.output_text()))
 }
 
 /// What was missed of a kind on the way to a loop: how often, and first and last when \[s\].
@@ -48,9 +48,9 @@ fn missed(flown: &Flown, kind: &str, topic: Option<&str>, to: &str) -> Option<(u
 fn identical(recording: &Path) -> bool {
     let output =
         morphquad(["replay"]).arg(recording).args(["--verify", "--format", "json"]).output();
-    let told: Value =
+    let report: Value =
         serde_json::from_slice(&output.expect("it starts").stdout).unwrap_or(Value::Null);
-    told["verify"]["identical"] == true
+    report["verify"]["identical"] == true
 }
 
 #[test]
@@ -100,12 +100,13 @@ fn what_a_stopped_estimator_makes_its_readers_miss_is_counted_located_and_named(
         assert_eq!(missed(&flown, "late", estimate, to), Some((late, 2.3, 2.3)), "{to}");
     }
     assert_eq!(count(&flown, "late_samples"), 863);
-    assert_eq!((flown.verdict(), flown.code), ("PASSED", Some(0)), "{}", flown.said());
+    assert_eq!((flown.verdict(), flown.code), ("PASSED", Some(0)), "{}", flown.output_text());
     assert!(identical(&flown.recording_path()));
     let events = morphquad(["topic", "echo", "events"]).arg(flown.recording_path()).output();
     let events = String::from_utf8_lossy(&events.expect("it starts").stdout).into_owned();
-    let told = "2.000000 s  info  launcher: fault: estimator is stopped from 2.000 s to 2.300 s";
-    assert!(events.contains(told), "{events}");
+    let expected =
+        "2.000000 s  info  launcher: fault: estimator is stopped from 2.000 s to 2.300 s";
+    assert!(events.contains(expected), "{events}");
     let page = flown.recording_path().with_extension("html");
     let view = morphquad(["view"]).arg(flown.recording_path()).arg("--out").arg(&page).output();
     assert!(view.expect("it starts").status.success());
@@ -129,7 +130,7 @@ fn a_loop_whose_wake_ups_are_lost_begins_when_its_wait_is_over() {
 #[test]
 fn a_lost_sample_is_recorded_and_missed_by_its_readers_alone() {
     let flown = timed(&["hover", "--for", "2s"], &["wrench_command:lost@1s"]);
-    assert_eq!(count(&flown, "unseen_samples"), 1, "{}", flown.said());
+    assert_eq!(count(&flown, "unseen_samples"), 1, "{}", flown.output_text());
     assert_eq!(count(&flown, "dropped_samples"), 0);
     let commands = flown.recording().series("wrench_command", &["header.release_ns"]);
     assert_eq!(commands.len(), 200);
@@ -146,12 +147,17 @@ fn a_late_sample_or_producer_holds_its_reader_up_until_the_deadline() {
         ("estimator:step=0.51ms@1s..1.5s", 50),
     ] {
         let flown = timed(&["hover", "--for", "2s", "--no-record"], &[script]);
-        let told = missed(&flown, "not final", Some("state_estimate"), "attitude");
-        assert_eq!(told.map_or(0, |(count, ..)| count), misses, "{script}: {}", flown.said());
+        let found = missed(&flown, "not final", Some("state_estimate"), "attitude");
+        assert_eq!(
+            found.map_or(0, |(count, ..)| count),
+            misses,
+            "{script}: {}",
+            flown.output_text()
+        );
     }
 }
 
-/// The plant says nothing for 1 ms, and so does the estimator.
+/// The plant publishes nothing for 1 ms, and so does the estimator.
 #[test]
 fn a_loop_waits_as_long_as_the_longest_deadline_of_what_is_missing() {
     let flags = ["hover", "--for", "2s", "--no-record"];
@@ -160,8 +166,8 @@ fn a_loop_waits_as_long_as_the_longest_deadline_of_what_is_missing() {
         let flags = [&flags[..], &["--set", &deadline]].concat();
         let flown = timed(&flags, &["plant:stopped@1s..1.001s"]);
         for topic in ["state_estimate", "applied_command"] {
-            let told = missed(&flown, "not final", Some(topic), "attitude");
-            assert_eq!(told, steps, "{topic}, {deadline_s} s: {}", flown.said());
+            let found = missed(&flown, "not final", Some(topic), "attitude");
+            assert_eq!(found, steps, "{topic}, {deadline_s} s: {}", flown.output_text());
         }
     }
 }
@@ -188,7 +194,7 @@ fn the_one_sample_of_a_time_is_the_next_of_a_sensor_that_is_slower_than_the_plan
     for at in ["1s", "1.003s"] {
         let flown =
             timed(&["hover", "--for", "2s", "--no-record"], &[&format!("pose_fix:lost@{at}")]);
-        assert_eq!(count(&flown, "unseen_samples"), 1, "{at}: {}", flown.said());
+        assert_eq!(count(&flown, "unseen_samples"), 1, "{at}: {}", flown.output_text());
     }
 }
 
@@ -204,7 +210,7 @@ fn an_asap_edge_takes_effect_when_the_step_is_over() {
     assert!(identical(&flown.recording_path()));
 }
 
-/// A stop is a fault that the script tells, and an overrun is none: see `verdict`.
+/// A stop is a fault that the script declares, and an overrun is none: see `verdict`.
 #[test]
 fn a_scripted_stop_explains_the_safe_mode_episode_that_it_causes() {
     let flags = ["hover", "--for", "6s", "--no-record"];
@@ -257,7 +263,7 @@ fn a_candidate_that_misses_its_deadlines_is_refused() {
     let flown = timed(&flags, &["attitude-pid:step=12ms"]);
     let outcome = flown.summary()["swaps"][0].to_string();
     assert!(outcome.contains("it missed 3 deadlines, the first at 1.100000 s"), "{outcome}");
-    assert_eq!((flown.code, flown.verdict()), (Some(5), "PASSED"), "{}", flown.said());
+    assert_eq!((flown.code, flown.verdict()), (Some(5), "PASSED"), "{}", flown.output_text());
     assert!(identical(&flown.recording_path()));
 }
 
@@ -266,15 +272,24 @@ fn a_candidate_that_misses_its_deadlines_is_refused() {
 fn an_owner_that_is_stopped_after_its_swap_is_followed_without_a_safe_mode_episode() {
     for stop in ["attitude-pid:stopped@1.35s..1.5s", "attitude-pid:stopped@1.6s..1.69s"] {
         let flown = timed(&[&["figure8-morph", "--for", "3s"][..], &SWAP].concat(), &[stop]);
-        assert_eq!(count(&flown, "safe_mode_episodes"), 0, "{stop}: {}", flown.said());
-        assert_eq!((flown.code, flown.verdict()), (Some(5), "PASSED"), "{stop}: {}", flown.said());
-        assert!(flown.stderr.contains("attitude-mpc@0 takes over"), "{stop}: {}", flown.said());
+        assert_eq!(count(&flown, "safe_mode_episodes"), 0, "{stop}: {}", flown.output_text());
+        assert_eq!(
+            (flown.code, flown.verdict()),
+            (Some(5), "PASSED"),
+            "{stop}: {}",
+            flown.output_text()
+        );
+        assert!(
+            flown.stderr.contains("attitude-mpc@0 takes over"),
+            "{stop}: {}",
+            flown.output_text()
+        );
         assert!(identical(&flown.recording_path()), "{stop}");
     }
 }
 
-/// The recording of a flight with every kind of lateness tells when each step began and how long it took, and with that
-/// alone it is the same flight.
+/// The recording of a flight with every kind of lateness has the instant and duration of each step, and with that alone
+/// it is the same flight.
 #[test]
 fn a_flight_by_the_recorded_time_of_another_is_that_one() {
     let scripts = [
@@ -292,30 +307,30 @@ fn a_flight_by_the_recorded_time_of_another_is_that_one() {
     let flown = timed(&flags, &scripts);
     let recording = flown.recording_path();
     let again = timed(&flags, &[recording.to_str().expect("a path")]);
-    // The monitor publishes nothing while all is well, so that nothing tells when it stepped.
+    // The monitor publishes nothing while all is well, so that nothing shows when it stepped.
     let of_others = |flown: &Flown| -> Vec<Value> {
         flown.misses().iter().filter(|miss| miss["to"] != "monitor").cloned().collect()
     };
     assert_eq!(of_others(&again), of_others(&flown));
-    assert!(count(&flown, "missed_ticks") > 50, "{}", flown.said());
+    assert!(count(&flown, "missed_ticks") > 50, "{}", flown.output_text());
     assert_eq!(again.hash(), flown.hash());
     let of_processes = in_processes(&flags, &[recording.to_str().expect("a path")]);
-    assert_eq!(told(&of_processes), told(&again));
+    assert_eq!(reported(&of_processes), reported(&again));
 
     let whole = std::fs::read(&recording).expect("the recording");
     let cut = recording.with_file_name("cut.mcap");
     std::fs::write(&cut, &whole[..whole.len() / 2]).expect("room");
     let of_a_part = morphquad(["check", "--timing"]).arg(&cut).output();
-    let said = String::from_utf8_lossy(&of_a_part.expect("it starts").stderr).into_owned();
-    assert!(said.contains("it is incomplete"), "{said}");
+    let stderr = String::from_utf8_lossy(&of_a_part.expect("it starts").stderr).into_owned();
+    assert!(stderr.contains("it is incomplete"), "{stderr}");
 
     let plain = fly(&[&flags[..], &["--in-process"]].concat());
     let of_lockstep = morphquad(["check", "--timing"]).arg(plain.recording_path()).output();
-    let said = String::from_utf8_lossy(&of_lockstep.expect("it starts").stderr).into_owned();
-    assert!(said.contains("it was flown in lockstep"), "{said}");
+    let stderr = String::from_utf8_lossy(&of_lockstep.expect("it starts").stderr).into_owned();
+    assert!(stderr.contains("it was flown in lockstep"), "{stderr}");
     let rate = morphquad(["check", "--rate", "attitude=200", "--timing"]).arg(&recording).output();
-    let said = String::from_utf8_lossy(&rate.expect("it starts").stderr).into_owned();
-    assert!(said.contains("was recorded at 100 Hz, and the loop is at 200 Hz"), "{said}");
+    let stderr = String::from_utf8_lossy(&rate.expect("it starts").stderr).into_owned();
+    assert!(stderr.contains("was recorded at 100 Hz, and the loop is at 200 Hz"), "{stderr}");
 }
 
 /// One script by chance.
@@ -358,7 +373,7 @@ fn every_script_flies_to_the_same_bits_accounts_for_its_releases_and_is_verified
         let flags = [&["figure8-morph", "--for", "2s"], done].concat();
         let flown = timed(&flags, &scripts);
         let of_processes = in_processes(&flags, &scripts);
-        assert_eq!(told(&of_processes), told(&flown), "{seed}: {done:?} {scripts:?}");
+        assert_eq!(reported(&of_processes), reported(&flown), "{seed}: {done:?} {scripts:?}");
         assert!(identical(&of_processes.recording_path()), "{seed}: {done:?} {scripts:?}");
         assert_eq!(flown.hash(), timed(&flags, &scripts).hash(), "{seed}: {done:?} {scripts:?}");
         assert_eq!(
@@ -440,10 +455,10 @@ fn what_cannot_be_timed_is_refused_with_a_remedy() {
         (&["--set", "timing=[{ topic = \"imu\", step_s = 1 }]"], "are about a loop", "name a loop"),
     ] {
         let output = morphquad(["check", "hover"]).args(flags).output().expect("it starts");
-        let said = String::from_utf8_lossy(&output.stderr)
+        let stderr = String::from_utf8_lossy(&output.stderr)
             .replace("\n  │ ", " ")
             .replace("\n        ", " ");
-        assert_eq!(output.status.code(), Some(2), "{flags:?}: {said}");
-        assert!(said.contains(what) && said.contains(remedy), "{flags:?}: {said}");
+        assert_eq!(output.status.code(), Some(2), "{flags:?}: {stderr}");
+        assert!(stderr.contains(what) && stderr.contains(remedy), "{flags:?}: {stderr}");
     }
 }

@@ -19,8 +19,8 @@ fn topic(arguments: &[&str]) -> (Option<i32>, String, String) {
 }
 
 fn shown(arguments: &[&str]) -> String {
-    let (code, out, said) = topic(arguments);
-    assert_eq!(code, Some(0), "{arguments:?}: {said}");
+    let (code, out, stderr) = topic(arguments);
+    assert_eq!(code, Some(0), "{arguments:?}: {stderr}");
     out
 }
 
@@ -56,12 +56,12 @@ fn a_recording_is_listed_echoed_and_counted_as_an_independent_reader_sees_it() {
     let echoed = shown(&[&["echo", file, "truth"], &fields[..]].concat());
     let height_m = |row: usize| format!("{:?}", rows[row].values[2]);
     assert_eq!(echoed, format!("0.000000 {} 1\n0.001000 {} 2\n", height_m(0), height_m(1)));
-    let (code, _, said) = topic(&["echo", file, "truth", "--field", "position_m"]);
-    assert!(code == Some(2) && said.contains("did you mean `position_w_m`"), "{said}");
-    let (code, _, said) = topic(&["echo", file, "reference", "--field", "yaw_rad"]);
-    assert!(code == Some(2) && said.contains("did you mean `points[0].yaw_rad`"), "{said}");
-    let (code, _, said) = topic(&["echo", file, "--field", "position_w_m"]);
-    assert!(code == Some(2) && said.contains("name the topics"), "{said}");
+    let (code, _, stderr) = topic(&["echo", file, "truth", "--field", "position_m"]);
+    assert!(code == Some(2) && stderr.contains("did you mean `position_w_m`"), "{stderr}");
+    let (code, _, stderr) = topic(&["echo", file, "reference", "--field", "yaw_rad"]);
+    assert!(code == Some(2) && stderr.contains("did you mean `points[0].yaw_rad`"), "{stderr}");
+    let (code, _, stderr) = topic(&["echo", file, "--field", "position_w_m"]);
+    assert!(code == Some(2) && stderr.contains("name the topics"), "{stderr}");
     let lines = shown(&["echo", file, "wrench_command", "--count", "2", "--format", "jsonl"]);
     let lines: Vec<Value> = lines.lines().map(|l| serde_json::from_str(l).expect("JSON")).collect();
     assert_eq!(lines.len(), 2);
@@ -77,17 +77,18 @@ fn what_was_told_in_words_is_shown_with_its_instant() {
     let flown = fly(&["hover", "--for", "2s", "--fault", "kill:estimator@1s"]);
     let path = flown.recording_path();
     let file = path.to_str().expect("text");
-    let told = json(&["echo", file, "events"]);
-    let told: Vec<_> = told.as_array().expect("a list").iter().map(|one| &one["events"]).collect();
-    let fault = told.iter().find(|one| one["text"] == "fault: estimator is killed on purpose");
-    assert_eq!(fault.expect("the fault")["t_s"].as_f64(), Some(1.0), "{told:?}");
+    let events = json(&["echo", file, "events"]);
+    let events: Vec<_> =
+        events.as_array().expect("a list").iter().map(|one| &one["events"]).collect();
+    let fault = events.iter().find(|one| one["text"] == "fault: estimator is killed on purpose");
+    assert_eq!(fault.expect("the fault")["t_s"].as_f64(), Some(1.0), "{events:?}");
     let text = shown(&["echo", file, "events", "--count", "1"]);
     assert!(text.starts_with("events  1.000000 s  info  launcher: fault: estimator"), "{text}");
-    // With a topic both come; a user who counts samples is told where words are.
+    // With a topic both are printed; a command that counts samples names the one that prints events.
     let both = shown(&["echo", file, "events", "seating", "pose_fix", "--format", "jsonl"]);
     assert!(both.contains("{\"pose_fix\"") && both.contains("{\"events\""), "{both:.300}");
-    let (code, _, said) = topic(&["hz", file, "events"]);
-    assert!(code == Some(2) && said.contains("`morphquad topic echo events`"), "{said}");
+    let (code, _, stderr) = topic(&["hz", file, "events"]);
+    assert!(code == Some(2) && stderr.contains("`morphquad topic echo events`"), "{stderr}");
 }
 
 #[test]
@@ -102,42 +103,43 @@ fn numbers_of_a_recording_are_drawn_in_each_form_and_never_over_the_recording() 
     };
     let signals = ["truth.position_w_m", "reference.points[0].yaw_rad,truth.morph_angle_rad"];
     for (out, begins) in [("a.png", &b"\x89PNG"[..]), ("a.svg", b"<svg"), ("a.pdf", b"%PDF-1.7")] {
-        let (code, said) = plot(out, &signals);
-        assert_eq!(code, Some(0), "{said}");
+        let (code, stderr) = plot(out, &signals);
+        assert_eq!(code, Some(0), "{stderr}");
         let picture = std::fs::read(recording.with_file_name(out)).expect("a picture");
         assert!(picture.starts_with(begins), "{out}");
         let text = String::from_utf8_lossy(&picture);
         let names = ["truth.position_w_m[2]", "reference.points[0].yaw_rad", "t [s]", "yaw [rad]"];
         assert!(out == "a.png" || names.iter().all(|name| text.contains(name)), "{out}");
     }
-    for (out, signal, told) in [
+    for (out, signal, expected) in [
         ("a.png", "truth.position", "did you mean `position_w_m`"),
         ("a.png", "reference.position_w_m", "did you mean `points[0].position_w_m`?"),
         ("a.png", "owner_report.seat", "no topic is called"),
         ("a.gif", "truth.position_w_m", ".png, .svg or .pdf"),
     ] {
-        let (code, said) = plot(out, &[signal]);
-        assert!(code == Some(2) && said.contains(told), "{signal}: {said}");
+        let (code, stderr) = plot(out, &[signal]);
+        assert!(code == Some(2) && stderr.contains(expected), "{signal}: {stderr}");
     }
-    let (code, said) = plot("a.png", &["truth.position_w_m", "--from", "2s", "--to", "1s"]);
-    assert!(code == Some(2) && said.contains("is not before"), "{said}");
-    // Of several recordings, side by side; a word with a point in it that is none is a signal, another one a recording.
+    let (code, stderr) = plot("a.png", &["truth.position_w_m", "--from", "2s", "--to", "1s"]);
+    assert!(code == Some(2) && stderr.contains("is not before"), "{stderr}");
+    // Of several recordings, side by side; an argument with a point in it that names no recording is a signal, another
+    // one a recording.
     let other = recording.with_file_name("other.mcap");
     std::fs::copy(&recording, &other).expect("a copy");
     let other = other.to_str().expect("a name");
-    let (code, said) = plot("both.svg", &[other, "truth.position_w_m[0]"]);
+    let (code, stderr) = plot("both.svg", &[other, "truth.position_w_m[0]"]);
     let both = std::fs::read_to_string(recording.with_file_name("both.svg")).unwrap_or_default();
-    assert!(code == Some(0) && both.contains("other: truth.position_w_m[0]"), "{said}");
-    for (signals, told) in [
+    assert!(code == Some(0) && both.contains("other: truth.position_w_m[0]"), "{stderr}");
+    for (signals, expected) in [
         (&[other, "trut.position_w_m"][..], "did you mean `truth`"),
         (&["othr", "truth.position_w_m"], "othr"),
     ] {
-        let (code, said) = plot("a.png", signals);
-        assert!(code == Some(2) && said.contains(told), "{said}");
+        let (code, stderr) = plot("a.png", signals);
+        assert!(code == Some(2) && stderr.contains(expected), "{stderr}");
     }
     std::fs::copy(&recording, recording.with_file_name("copy.png")).expect("a copy");
-    let (code, said) = plot("copy.png", &["truth.position_w_m"]);
-    assert!(code == Some(2) && said.contains("is a recording"), "{said}");
+    let (code, stderr) = plot("copy.png", &["truth.position_w_m"]);
+    assert!(code == Some(2) && stderr.contains("is a recording"), "{stderr}");
 }
 
 #[test]
@@ -170,7 +172,7 @@ fn tables_hold_every_sample_in_both_forms() {
         count += 1;
     }
     assert_eq!(count, rows.len());
-    // All topics, with nested lists, codes and words.
+    // All topics, with nested lists, codes and texts.
     let written = json(&["export", file, "--parquet", "--out", out]);
     for table in written.as_array().expect("a list") {
         let path = table["path"].as_str().expect("a path");
@@ -237,15 +239,15 @@ fn a_running_flight_is_heard_and_has_the_hash_that_it_has_unheard() {
     let _ = stalled.wait();
     flown.assert_undisturbed();
     flown.assert_is_the_shorter("hover");
-    wait_until("nothing is left", || left_in_shared_memory(flown.word("run")).is_empty());
+    wait_until("nothing is left", || left_in_shared_memory(flown.text("run")).is_empty());
 }
 
 #[test]
 fn one_look_at_a_run_tells_of_every_loop_in_text_and_json() {
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "2"]);
     let top = |arguments: &[&str]| {
-        let words = [&["top", "--once", "--run", running.id()], arguments].concat();
-        let output = morphquad(words).output().expect("the executable starts");
+        let command = [&["top", "--once", "--run", running.id()], arguments].concat();
+        let output = morphquad(command).output().expect("the executable starts");
         assert_eq!(output.status.code(), Some(0), "{output:?}");
         String::from_utf8(output.stdout).expect("text")
     };
@@ -279,8 +281,8 @@ fn one_look_at_a_run_tells_of_every_loop_in_text_and_json() {
     };
     assert!(age("attitude") > Some(0.0) && age("plant").is_none(), "{look}");
     let text = top(&[]);
-    for words in ["attitude-mpc@0", "owner", "LATE", "epoch 1", "running"] {
-        assert!(text.contains(words), "{text}");
+    for part in ["attitude-mpc@0", "owner", "LATE", "epoch 1", "running"] {
+        assert!(text.contains(part), "{text}");
     }
     assert!(!text.contains('\u{1b}') && text.lines().all(|line| line.len() <= 80), "{text}");
     assert!(kill(running.launcher_pid(), Signal::INT));
@@ -316,12 +318,12 @@ fn topics_are_described_without_any_run() {
     let wrench = json(&["info", "wrench_command"]);
     let fields = wrench[0]["fields"].as_array().expect("fields");
     assert!(fields.iter().any(|field| field["name"] == "thrust_n" && field["kind"] == "f64"));
-    let told = shown(&["info", "attitude_owner", "imu"]);
+    let described = shown(&["info", "attitude_owner", "imu"]);
     assert!(
-        told.contains("owner of the attitude slot") && told.contains("specific_force"),
-        "{told}"
+        described.contains("owner of the attitude slot") && described.contains("specific_force"),
+        "{described}"
     );
-    for (arguments, words) in [
+    for (arguments, expected) in [
         (&["info", "imus"][..], "did you mean `imu`?"),
         (&["echo", "a.mcap", "b.mcap"], "two recordings"),
         (&["echo", "no-such.mcap"], "no-such.mcap"),
@@ -329,8 +331,8 @@ fn topics_are_described_without_any_run() {
         (&["export", "x.mcap"], "--csv"),
         (&["echo", "imu", "--run", "no-such-run"], "no-such-run"),
     ] {
-        let (code, out, said) = topic(arguments);
-        assert_eq!((code, out.as_str()), (Some(2), ""), "{arguments:?}: {said}");
-        assert!(said.contains(words), "{arguments:?}: {said}");
+        let (code, out, stderr) = topic(arguments);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(expected), "{arguments:?}: {stderr}");
     }
 }

@@ -1,5 +1,5 @@
 //! From a recording alone every wrench command leads back to its IMU sample, in both clocks and through
-//! swaps, and the chain that is told is the one that the headers in the file say.
+//! swaps, and the chain that is reported is the one in the headers of the file.
 
 use crate::common::{Flown, fly, morphquad};
 use serde_json::Value;
@@ -18,16 +18,16 @@ fn trace(file: &Path, arguments: &[&str]) -> (Option<i32>, Value) {
 /// Every command leads back to its IMU sample.
 pub(super) fn assert_all_trace(flown: &Flown, clock: &str) -> Value {
     flown.assert_flown(clock);
-    let (code, told) = trace(&flown.recording_path(), &[]);
-    assert_eq!(code, Some(0), "{told}");
+    let (code, json) = trace(&flown.recording_path(), &[]);
+    assert_eq!(code, Some(0), "{json}");
     let sent = flown.recording().series("wrench_command", &["thrust_n"]).len() as u64;
     // A machine that stands still makes a loop leave releases out, and what it sent must trace all the same.
     let least = if clock == "lockstep" { 100 } else { 10 };
     assert!(sent > least, "{sent}");
-    assert_eq!((told["commands"].as_u64(), told["traced"].as_u64()), (Some(sent), Some(sent)));
-    let latency = &told["segments"]["sensor_to_command"];
-    assert_eq!(latency["n"].as_u64(), Some(sent), "{told}");
-    told
+    assert_eq!((json["commands"].as_u64(), json["traced"].as_u64()), (Some(sent), Some(sent)));
+    let latency = &json["segments"]["sensor_to_command"];
+    assert_eq!(latency["n"].as_u64(), Some(sent), "{json}");
+    json
 }
 
 #[test]
@@ -37,12 +37,12 @@ fn commands_of_shadows_and_of_the_controller_that_takes_over_trace_too() {
     for clock in ["lockstep", "realtime"] {
         let flown =
             fly(&[&swap[..], &["--clock", clock, "--standby", "position=position-pid"]].concat());
-        let told = assert_all_trace(&flown, clock);
-        let applied = told["applied"].as_u64().expect("a count");
-        assert!(applied > 0, "{told}");
-        // By the wall clock the candidate may come too late to say anything.
-        let commands = told["commands"].as_u64().expect("a count");
-        assert!(applied < commands || clock == "realtime", "{told}");
+        let json = assert_all_trace(&flown, clock);
+        let applied = json["applied"].as_u64().expect("a count");
+        assert!(applied > 0, "{json}");
+        // By the wall clock the candidate may join too late to publish anything.
+        let commands = json["commands"].as_u64().expect("a count");
+        assert!(applied < commands || clock == "realtime", "{json}");
     }
 }
 
@@ -54,9 +54,9 @@ fn a_chain_consists_of_the_samples_that_the_file_has() {
     let applied = recording.series("applied_command", &["command_sequence"]);
     let number = applied.iter().map(|row| row.values[0]).find(|number| *number >= 10.0);
     let number = number.expect("the tenth command or a later one was applied");
-    let (code, told) = trace(&flown.recording_path(), &["--command", &number.to_string()]);
-    assert_eq!(code, Some(0), "{told}");
-    let command = &told["commands"][0];
+    let (code, json) = trace(&flown.recording_path(), &["--command", &number.to_string()]);
+    assert_eq!(code, Some(0), "{json}");
+    let command = &json["commands"][0];
     let mut links = command["chain"].as_array().expect("a chain").iter().rev();
     let (tick, wrench, estimate, imu) = (
         links.next().unwrap(),
@@ -100,9 +100,9 @@ fn what_a_cut_or_thinned_recording_lacks_is_named() {
     let bytes = fs::read(flown.recording_path()).expect("a recording");
     let cut = folder.path().join("cut.mcap");
     fs::write(&cut, &bytes[..bytes.len() * 2 / 3]).expect("room");
-    let (code, told) = trace(&cut, &[]);
-    assert_eq!(code, Some(1), "{told}");
-    assert!(told["cut_at_ns"].as_u64().is_some_and(|at| at > 0 && at < 1_000_000_000), "{told}");
+    let (code, json) = trace(&cut, &[]);
+    assert_eq!(code, Some(1), "{json}");
+    assert!(json["cut_at_ns"].as_u64().is_some_and(|at| at > 0 && at < 1_000_000_000), "{json}");
 
     let thinned = folder.path().join("thinned.mcap");
     let lose = |topic: &str, sequence: u32, bytes: &mut Vec<u8>| {
@@ -111,10 +111,10 @@ fn what_a_cut_or_thinned_recording_lacks_is_named() {
         }
     };
     flown.recording().copy_to(&thinned, |_, _| {}, lose);
-    let (code, told) = trace(&thinned, &[]);
-    assert_eq!(code, Some(1), "{told}");
-    let untraced = told["untraced"].as_array().expect("a list");
-    assert_eq!(untraced.len(), 1, "{told}");
+    let (code, json) = trace(&thinned, &[]);
+    assert_eq!(code, Some(1), "{json}");
+    let untraced = json["untraced"].as_array().expect("a list");
+    assert_eq!(untraced.len(), 1, "{json}");
     let reason = untraced[0]["reason"].as_str().expect("a reason");
     assert!(reason.contains("state_estimate 501"), "{reason}");
 

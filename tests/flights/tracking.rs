@@ -3,9 +3,9 @@
 use crate::common::fly;
 
 /// Root mean square of the distance from the path \[m\].
-fn rms_m(words: &[&str]) -> f64 {
-    let flown = fly(&[&["figure8-morph", "--in-process", "--no-record"], words].concat());
-    flown.summary()["tracking_rms_m"].as_f64().unwrap_or_else(|| panic!("{}", flown.said()))
+fn rms_m(arguments: &[&str]) -> f64 {
+    let flown = fly(&[&["figure8-morph", "--in-process", "--no-record"], arguments].concat());
+    flown.summary()["tracking_rms_m"].as_f64().unwrap_or_else(|| panic!("{}", flown.output_text()))
 }
 
 #[test]
@@ -22,8 +22,8 @@ fn late_set_points_and_other_rates_cost_less_than_the_error_of_the_shipped_ones(
     let pairs = [("15", "100"), ("200", "100"), ("200", "50"), ("50", "25")];
     settings.extend(pairs.map(|(position, attitude)| rates(position, attitude).into()));
     for set in &settings {
-        let words: Vec<&str> = set.iter().flat_map(|set| ["--set", set]).collect();
-        let error_m = rms_m(&words);
+        let arguments: Vec<&str> = set.iter().flat_map(|set| ["--set", set]).collect();
+        let error_m = rms_m(&arguments);
         assert!(error_m <= 2.0 * shipped_m, "{set:?}: {error_m} m, shipped {shipped_m} m");
     }
 }
@@ -33,10 +33,11 @@ fn a_bound_that_is_reached_leaves_the_mpc_closer_than_the_pid() {
     for period_s in ["8", "5", "4.5", "4"] {
         let period = format!("pilot.period_s={period_s}");
         for weather in [&[][..], &["--set", "disturbance_injector.script=[]"]] {
-            let words = [&["--set", &period], weather].concat();
-            let mpc_m = rms_m(&words);
-            let pid_m = rms_m(&[&words[..], &["--controller", "position=position-pid"]].concat());
-            assert!(mpc_m <= pid_m, "{words:?}: {mpc_m} m by the MPC, {pid_m} m by the PID");
+            let arguments = [&["--set", &period], weather].concat();
+            let mpc_m = rms_m(&arguments);
+            let pid_m =
+                rms_m(&[&arguments[..], &["--controller", "position=position-pid"]].concat());
+            assert!(mpc_m <= pid_m, "{arguments:?}: {mpc_m} m by the MPC, {pid_m} m by the PID");
         }
     }
 }
@@ -69,7 +70,9 @@ fn a_cone_bounds_the_tilt_itself_and_a_box_each_of_its_angles() {
     let tilt_rad = |bound: &str| {
         let bound = format!("position_mpc.tilt_bound={bound}");
         let flown = fly(&[&period[..], &["--set", &bound]].concat());
-        flown.summary()["tilt_max_rad"].as_f64().unwrap_or_else(|| panic!("{}", flown.said()))
+        flown.summary()["tilt_max_rad"]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{}", flown.output_text()))
     };
     // The attitude loop overshoots by a little.
     let (boxed_rad, cone_rad) = (tilt_rad("box"), tilt_rad("cone"));

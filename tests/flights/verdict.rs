@@ -126,16 +126,16 @@ fn ask(arguments: &[&str], about: &Path) -> Output {
 }
 
 fn json(output: &Output) -> Value {
-    let said = String::from_utf8_lossy(&output.stderr);
-    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {said}"))
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {stderr}"))
 }
 
 fn first_line(output: &Output) -> String {
     text(output).lines().next().unwrap_or_default().to_owned()
 }
 
-/// Asserts that every command that reads a recording gives the verdict of `expected`, word for word.
-fn assert_all_readers_say(recording: &Path, expected: &Value, bench: &Bench) {
+/// Asserts that every command that reads a recording gives exactly the verdict of `expected`.
+fn assert_all_readers_agree(recording: &Path, expected: &Value, bench: &Bench) {
     let line = expected["line"].as_str().expect("a line");
     let verdict = &expected["verdict"];
     let passed = verdict["verdict"] == "PASSED";
@@ -158,7 +158,7 @@ fn assert_all_readers_say(recording: &Path, expected: &Value, bench: &Bench) {
 }
 
 /// Asserts that the last event of a recording is the verdict line of its flight.
-fn assert_last_event_says(recording: &Path, line: &str) {
+fn assert_last_event_is(recording: &Path, line: &str) {
     let echo = morphquad(["topic", "echo", "events", "--format", "jsonl"]).arg(recording).output();
     let echo = text(&echo.expect("the executable starts"));
     let last: Value = serde_json::from_str(echo.lines().last().expect("an event")).expect("JSON");
@@ -167,36 +167,36 @@ fn assert_last_event_says(recording: &Path, line: &str) {
 
 /// Flies a flight and asserts that all outputs give the expected verdict, as text and as JSON.
 fn assert_one_verdict(flight: &Flight, bench: &Bench) {
-    let (name, _, code, word, reason) = *flight;
+    let (name, _, code, verdict, reason) = *flight;
     let scenario = bench.scenario(flight);
     let records = bench.path(name);
     let record = ["run", "--in-process", "--format", "json", "--record"];
     let flown = morphquad(record).arg(&records).arg(&scenario).output().expect("it starts");
-    let said = json(&flown);
-    let line = said["line"].as_str().expect("a line").to_owned();
-    assert!(line.starts_with(&format!("{word}  {name}: {reason}")), "{line}");
+    let summary = json(&flown);
+    let line = summary["line"].as_str().expect("a line").to_owned();
+    assert!(line.starts_with(&format!("{verdict}  {name}: {reason}")), "{line}");
     assert_eq!(flown.status.code(), Some(code), "{line}");
-    assert_eq!(said["verdict"]["verdict"], word, "{line}");
-    assert!(said["verdict"]["reasons"][0]["limit"].is_number(), "{said}");
-    let in_words = ask(&["run", "--in-process", "--no-record"], &scenario);
-    assert_eq!((first_line(&in_words), in_words.status.code()), (line.clone(), Some(code)));
-    let recording = PathBuf::from(said["recording"].as_str().expect("a recording"));
-    assert_all_readers_say(&recording, &said, bench);
-    assert_last_event_says(&recording, &line);
+    assert_eq!(summary["verdict"]["verdict"], verdict, "{line}");
+    assert!(summary["verdict"]["reasons"][0]["limit"].is_number(), "{summary}");
+    let as_text = ask(&["run", "--in-process", "--no-record"], &scenario);
+    assert_eq!((first_line(&as_text), as_text.status.code()), (line.clone(), Some(code)));
+    let recording = PathBuf::from(summary["recording"].as_str().expect("a recording"));
+    assert_all_readers_agree(&recording, &summary, bench);
+    assert_last_event_is(&recording, &line);
     let campaign = format!("scenario = {:?}\n", scenario.display().to_string());
     let campaign = bench.write("campaign.toml", &campaign);
     let out = bench.path(&format!("{name}-campaign"));
     let command = ["campaign", "--out", out.to_str().expect("UTF-8"), "--format"];
     let of_format = |format| ask(&[&command[..], &[format]].concat(), &campaign);
-    let (campaign, in_words) = (of_format("json"), of_format("text"));
-    let told = json(&campaign);
-    assert_eq!(campaign.status.code(), Some(code), "{told}");
-    assert_eq!(told["line"], first_line(&in_words));
-    let worst = &told["worst"][0];
-    assert_eq!(worst["outcome"], word, "{told}");
+    let (campaign, as_text) = (of_format("json"), of_format("text"));
+    let table = json(&campaign);
+    assert_eq!(campaign.status.code(), Some(code), "{table}");
+    assert_eq!(table["line"], first_line(&as_text));
+    let worst = &table["worst"][0];
+    assert_eq!(worst["outcome"], verdict, "{table}");
     let case_reason = worst["reason"].as_str().expect("a reason");
-    assert_eq!(format!("{word}  {name}: {case_reason}"), line);
-    assert!(told["line"].as_str().is_some_and(|line| line.contains(case_reason)), "{told}");
+    assert_eq!(format!("{verdict}  {name}: {case_reason}"), line);
+    assert!(table["line"].as_str().is_some_and(|line| line.contains(case_reason)), "{table}");
 }
 
 #[test]
@@ -212,21 +212,21 @@ fn fly(name: &str, flags: &[&str], bench: &Bench) -> (Value, Option<i32>, PathBu
     let record = ["run", "--format", "json", "--record"];
     let flown = morphquad(record).arg(bench.path(name)).args(flags).args(judged(flags)).output();
     let flown = flown.expect("the executable starts");
-    let said = json(&flown);
-    let recording = PathBuf::from(said["recording"].as_str().expect("a recording"));
-    (said, flown.status.code(), recording)
+    let summary = json(&flown);
+    let recording = PathBuf::from(summary["recording"].as_str().expect("a recording"));
+    (summary, flown.status.code(), recording)
 }
 
 #[test]
 fn all_outputs_report_a_flight_as_crashed_after_the_plant_died() {
     let bench = Bench::new();
     let flags = ["hover", "--for", "3s", "--fault", "kill:plant@1s"];
-    let (said, code, recording) = fly("crashed", &flags, &bench);
-    assert_eq!((code, &said["verdict"]["verdict"]), (Some(4), &"CRASHED".into()), "{said}");
-    let line = said["line"].as_str().expect("a line");
+    let (summary, code, recording) = fly("crashed", &flags, &bench);
+    assert_eq!((code, &summary["verdict"]["verdict"]), (Some(4), &"CRASHED".into()), "{summary}");
+    let line = summary["line"].as_str().expect("a line");
     assert!(line.starts_with("CRASHED  hover: flown ") && line.contains("plant"), "{line}");
-    assert_all_readers_say(&recording, &said, &bench);
-    assert_last_event_says(&recording, line);
+    assert_all_readers_agree(&recording, &summary, &bench);
+    assert_last_event_is(&recording, line);
 }
 
 #[test]
@@ -235,10 +235,14 @@ fn all_outputs_report_an_interrupted_flight_as_incomplete() {
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "15"]);
     assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
-    assert_eq!((flown.code, flown.verdict()), (Some(130), "INCOMPLETE"), "{}", flown.said());
-    assert!(flown.reason().contains(" s of 600.000 s planned: interrupted"), "{}", flown.said());
-    assert_all_readers_say(&flown.recording_path(), flown.summary(), &bench);
-    assert_last_event_says(&flown.recording_path(), flown.word("line"));
+    assert_eq!((flown.code, flown.verdict()), (Some(130), "INCOMPLETE"), "{}", flown.output_text());
+    assert!(
+        flown.reason().contains(" s of 600.000 s planned: interrupted"),
+        "{}",
+        flown.output_text()
+    );
+    assert_all_readers_agree(&flown.recording_path(), flown.summary(), &bench);
+    assert_last_event_is(&flown.recording_path(), flown.text("line"));
 }
 
 #[test]
@@ -249,11 +253,11 @@ fn all_outputs_report_a_flight_with_missed_deadlines_as_failed() {
     let flags = ["hover", "--clock", "realtime", "--speed", "1000", "--for", "30s"];
     // Setting any limit, even to its default, keeps the test harness from relaxing the verdict.
     let strict = ["--set", "verdict.lost_m=1.0"];
-    let (said, code, recording) = fly("missed", &[&flags[..], &strict].concat(), &bench);
-    let reasons = said["verdict"]["reasons"].as_array().expect("reasons");
+    let (summary, code, recording) = fly("missed", &[&flags[..], &strict].concat(), &bench);
+    let reasons = summary["verdict"]["reasons"].as_array().expect("reasons");
     let missed = reasons.iter().find(|reason| reason["key"] == "missed_max_share");
-    assert!(missed.is_some() && code == Some(1), "{code:?} {said}");
-    assert_all_readers_say(&recording, &said, &bench);
+    assert!(missed.is_some() && code == Some(1), "{code:?} {summary}");
+    assert_all_readers_agree(&recording, &summary, &bench);
 }
 
 /// The attitude controller takes 80 ms for a step, fourteen times. No process dies and none is stopped, so that nothing
@@ -281,9 +285,14 @@ fn all_outputs_report_fourteen_unexplained_safe_mode_episodes_as_failed() {
     let flown = overrun_fourteen_times();
     let episodes = episodes(&flown);
     let counts = (&episodes["measured"], &episodes["limit"]);
-    assert_eq!((counts, flown.code), ((&14.0.into(), &2.0.into()), Some(1)), "{}", flown.said());
-    assert_all_readers_say(&flown.recording_path(), flown.summary(), &bench);
-    assert_last_event_says(&flown.recording_path(), flown.word("line"));
+    assert_eq!(
+        (counts, flown.code),
+        ((&14.0.into(), &2.0.into()), Some(1)),
+        "{}",
+        flown.output_text()
+    );
+    assert_all_readers_agree(&flown.recording_path(), flown.summary(), &bench);
+    assert_last_event_is(&flown.recording_path(), flown.text("line"));
 }
 
 /// The flight itself passed, so that only the commands that read the file are compared.
@@ -291,9 +300,9 @@ fn all_outputs_report_fourteen_unexplained_safe_mode_episodes_as_failed() {
 fn all_readers_agree_on_the_verdict_of_a_truncated_or_altered_recording() {
     let bench = Bench::new();
     let flags = ["hover", "--in-process", "--for", "3s"];
-    let (said, code, recording) = fly("good", &flags, &bench);
-    assert_eq!((code, &said["verdict"]["verdict"]), (Some(0), &"PASSED".into()), "{said}");
-    let told = |path: &Path| -> Value {
+    let (summary, code, recording) = fly("good", &flags, &bench);
+    assert_eq!((code, &summary["verdict"]["verdict"]), (Some(0), &"PASSED".into()), "{summary}");
+    let verdict_of = |path: &Path| -> Value {
         let report = json(&ask(&["report", "--format", "json"], path));
         serde_json::json!({ "line": report["line"], "verdict": report["verdict"] })
     };
@@ -301,12 +310,12 @@ fn all_readers_agree_on_the_verdict_of_a_truncated_or_altered_recording() {
     let whole = fs::read(&recording).expect("the recording");
     let cut = bench.path("cut.mcap");
     fs::write(&cut, &whole[..whole.len() * 2 / 3]).expect("room");
-    let of_cut = told(&cut);
+    let of_cut = verdict_of(&cut);
     assert_eq!(of_cut["verdict"]["verdict"], "INCOMPLETE", "{of_cut}");
-    assert_all_readers_say(&cut, &of_cut, &bench);
+    assert_all_readers_agree(&cut, &of_cut, &bench);
 
-    // Without their messages no reader can say whose three applied commands were; that they are missing is what is
-    // wrong.
+    // Without their messages no reader can determine which seat gave three applied commands; what is wrong is that they
+    // are missing.
     let stolen = bench.path("stolen.mcap");
     Recording::read(&recording).copy_to(
         &stolen,
@@ -317,21 +326,21 @@ fn all_readers_agree_on_the_verdict_of_a_truncated_or_altered_recording() {
             }
         },
     );
-    let of_stolen = told(&stolen);
+    let of_stolen = verdict_of(&stolen);
     let reason = of_stolen["verdict"]["reasons"][0]["text"].as_str().expect("a reason");
     assert_eq!(of_stolen["verdict"]["verdict"], "FAILED", "{of_stolen}");
     assert_eq!(reason, "samples that the recorder lost 3 (3 of wrench_command), limit 0");
-    assert_all_readers_say(&stolen, &of_stolen, &bench);
+    assert_all_readers_agree(&stolen, &of_stolen, &bench);
 }
 
 #[test]
 fn a_recording_is_judged_by_the_limits_that_its_flight_was_given() {
     let bench = Bench::new();
     let strict = ["hover", "--in-process", "--for", "2s", "--set", "verdict.tracking_max_m=0.001"];
-    let (said, code, recording) = fly("strict", &strict, &bench);
-    assert_eq!((code, &said["verdict"]["verdict"]), (Some(1), &"FAILED".into()), "{said}");
-    let line = said["line"].as_str().expect("a line");
+    let (summary, code, recording) = fly("strict", &strict, &bench);
+    assert_eq!((code, &summary["verdict"]["verdict"]), (Some(1), &"FAILED".into()), "{summary}");
+    let line = summary["line"].as_str().expect("a line");
     assert!(line.contains(", limit 0.001 m"), "{line}");
-    assert_eq!(said["verdict"]["thresholds"]["tracking_max_m"]["why"], "set in [verdict]");
-    assert_all_readers_say(&recording, &said, &bench);
+    assert_eq!(summary["verdict"]["thresholds"]["tracking_max_m"]["why"], "set in [verdict]");
+    assert_all_readers_agree(&recording, &summary, &bench);
 }

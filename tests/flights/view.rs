@@ -90,8 +90,8 @@ fn a_cut_file_is_shown_as_far_as_it_goes_and_says_so() {
     fs::write(&cut, &bytes[..bytes.len() * 2 / 3]).expect("a disk with room");
     let (_, flight) = page_of(&cut, folder.path());
     assert_eq!(flight["outcome"]["is_good"], false);
-    let told = flight["outcome"]["text"].as_str().expect("a sentence");
-    assert!(told.contains("the file ends at") && told.contains("it is cut"), "{told}");
+    let outcome = flight["outcome"]["text"].as_str().expect("a sentence");
+    assert!(outcome.contains("the file ends at") && outcome.contains("it is cut"), "{outcome}");
     let to_s = flight["to_s"].as_f64().expect("a time");
     assert!(to_s > 0.5 && to_s < 2.9, "{to_s}");
 }
@@ -112,11 +112,14 @@ fn what_is_no_recording_is_named_with_the_remedy_and_gets_no_page() {
         (folder.path().join("none.mcap"), "cannot read"),
         (folder.path().to_owned(), "not a file but a folder"),
     ];
-    for (path, told) in bad {
+    for (path, expected) in bad {
         let output = view(&path, &["--out", &out.display().to_string()]);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains(told) && said.contains(&*path.display().to_string()), "{said}");
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{stderr}");
+        assert!(
+            stderr.contains(expected) && stderr.contains(&*path.display().to_string()),
+            "{stderr}"
+        );
         assert!(!out.exists());
     }
 }
@@ -128,7 +131,7 @@ fn who_names_no_flight_is_told_which_there_are() {
     fs::create_dir(&recordings).expect("room");
     fs::write(recordings.join("7f3a55.mcap"), b"").expect("room");
     fs::write(folder.path().join("mine.toml"), "[scenario]\nname = \"mine\"\n").expect("room");
-    for (named, told) in [
+    for (named, expected) in [
         ("unknown", &["recordings here: recordings/7f3a55.mcap", "`figure8-morph`"][..]),
         ("none.toml", &["recordings here: recordings/7f3a55.mcap", "`figure8-morph`"]),
         ("hovver", &["did you mean `hover`?"]),
@@ -139,13 +142,13 @@ fn who_names_no_flight_is_told_which_there_are() {
     ] {
         let output = morphquad(["view", named, "--no-open"]).current_dir(folder.path()).output();
         let output = output.expect("the executable starts");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{named}: {said}");
-        for words in told {
-            assert!(said.contains(words), "{named}: no `{words}` in: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{named}: {stderr}");
+        for part in expected {
+            assert!(stderr.contains(part), "{named}: no `{part}` in: {stderr}");
         }
         let is_found = ["7f3a", "latest"].contains(&named);
-        assert!(!(is_found && said.contains("did you mean")), "{named}: {said}");
+        assert!(!(is_found && stderr.contains("did you mean")), "{named}: {stderr}");
     }
 }
 
@@ -155,9 +158,9 @@ fn the_page_is_served_to_this_machine_alone_until_it_is_told_to_stop() {
     let taken = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let port = taken.local_addr().expect("an address").port();
     let refused = view(&flown.recording_path(), &["--port", &port.to_string(), "--no-open"]);
-    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert_eq!(refused.status.code(), Some(2), "{said}");
-    assert!(said.contains(&port.to_string()) && said.contains("--port"), "{said}");
+    let stderr = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains(&port.to_string()) && stderr.contains("--port"), "{stderr}");
 
     let mut server = morphquad(["view", "--no-open"])
         .arg(flown.recording_path())
@@ -191,11 +194,11 @@ fn a_page_never_replaces_a_recording() {
     let path = flown.recording_path();
     let before = std::fs::read(&path).expect("the recording");
     let file = path.to_str().expect("text");
-    for words in [["view", file, "--out", file], ["report", file, "--html", file]] {
-        let output = morphquad(words).output().expect("it starts");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains(file) && said.contains("is a recording"), "{said}");
+    for arguments in [["view", file, "--out", file], ["report", file, "--html", file]] {
+        let output = morphquad(arguments).output().expect("it starts");
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{stderr}");
+        assert!(stderr.contains(file) && stderr.contains("is a recording"), "{stderr}");
     }
     assert!(std::fs::read(&path).expect("the recording") == before);
 }

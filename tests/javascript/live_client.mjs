@@ -42,7 +42,7 @@ function connect(url) {
   return { socket, client };
 }
 
-/** Everything that is said of channels and time, checked as it comes. */
+/** Checks the channels, messages and time that the server sends as they arrive. */
 class Channels {
   constructor(client) {
     this.client = client;
@@ -88,7 +88,7 @@ class Channels {
   }
 }
 
-/** A client that may only read is told so, and stays connected. */
+/** A client that may only read gets an error for each attempt to write, and stays connected. */
 async function isReadOnly(client, info) {
   for (const write of ["clientPublish", "parameters", "services", "assets", "playbackControl"]) {
     expect(!info.capabilities.includes(write), `the server offers ${write}`);

@@ -4,7 +4,7 @@
 //
 // Reads the file through its index, decodes every message of every topic from the schemas in the file
 // alone, compares the counts with the recorder's audit and the file's statistics, and prints the totals. A
-// file that says that it is recovered has no summary.
+// file with the metadata of a recovered recording needs no summary.
 // Exit code 0: no problem; 1: problems; 2: wrong usage.
 
 import { open } from "node:fs/promises";
@@ -50,9 +50,9 @@ async function verify(path) {
   const audit = metadata.get("audit") ?? new Map();
   expect(audit.size === samples.size, `the audit covers ${audit.size} seats, found ${samples.size}`);
   for (const [seat, count] of samples) {
-    const told = JSON.parse(audit.get(seat) ?? "{}");
-    expect(told.count === count, `${seat}: ${count} samples, the audit says ${told.count}`);
-    expect(told.gaps === 0, `${seat}: ${told.gaps} samples lost`);
+    const entry = JSON.parse(audit.get(seat) ?? "{}");
+    expect(entry.count === count, `${seat}: ${count} samples, the audit says ${entry.count}`);
+    expect(entry.gaps === 0, `${seat}: ${entry.gaps} samples lost`);
   }
   for (const [id, count] of reader.statistics.channelMessageCounts) {
     const { topic } = reader.channelsById.get(id);

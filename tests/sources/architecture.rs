@@ -269,7 +269,7 @@ struct Dependency {
     shipped: bool,
 }
 
-/// What cargo says about the workspace.
+/// What `cargo metadata` reports about the workspace.
 fn metadata(arguments: &[&str]) -> Value {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--offline", "--format-version", "1"])
@@ -316,7 +316,7 @@ fn every_crate_depends_only_on_crates_further_up_the_stream() {
     }
 }
 
-/// A crate is compiled as a whole after each edit, and read as a whole by those who look for something in it.
+/// A crate is compiled as a whole after each edit, and searched as a whole for anything that it contains.
 const LINES_MAX: usize = 8000;
 
 #[test]
@@ -348,7 +348,7 @@ fn solver_controller_and_vehicle_mathematics_know_nothing_but_mathematics() {
     for name in ["qp", "mpc", "vehicle"] {
         for dependency in workspace[name].iter().filter(|d| d.shipped && d.name != FEATURES) {
             let known = dependency.name.as_str();
-            // A design is also what a scenario says, so its choices can be read.
+            // A scenario configures the design of an MPC too, so its choices are deserialised.
             let of_mpc = name == "mpc" && ["qp", "serde"].contains(&known);
             let fine = MATHEMATICS.contains(&known) || of_mpc;
             assert!(fine, "{name} depends on {known}");
@@ -410,14 +410,14 @@ fn rules() -> toml::Table {
     std::fs::read_to_string(path).expect("a file").parse().expect("TOML")
 }
 
-fn words(list: &toml::Value) -> BTreeSet<String> {
+fn strings(list: &toml::Value) -> BTreeSet<String> {
     let list = list.as_array().expect("a list").iter();
-    list.map(|word| word.as_str().expect("a word").to_owned()).collect()
+    list.map(|item| item.as_str().expect("a word").to_owned()).collect()
 }
 
 #[test]
 fn every_crate_that_is_built_may_be_given_away_under_the_licences_of_this_one() {
-    let allowed = words(&rules()["licenses"]["allow"]);
+    let allowed = strings(&rules()["licenses"]["allow"]);
     let mut used = BTreeSet::new();
     for package in of_this_platform()["packages"].as_array().expect("packages") {
         let (name, licence) = (text(&package["name"]), package["license"].as_str());
@@ -438,7 +438,7 @@ fn every_locked_crate_is_from_the_public_registry_and_those_that_must_be_one_are
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.lock");
     let locked = std::fs::read_to_string(path).expect("a file");
     let locked: toml::Table = locked.parse().expect("TOML");
-    let registries = words(&rules()["sources"]["allow-registry"]);
+    let registries = strings(&rules()["sources"]["allow-registry"]);
     let mut versions = BTreeMap::<_, u32>::new();
     for package in locked["package"].as_array().expect("packages") {
         *versions.entry(package["name"].as_str().expect("a name")).or_default() += 1;

@@ -81,7 +81,7 @@ fn the_table_of_what_is_told_of_a_flight_is_the_one_of_the_code() {
     assert_eq!(rows, FACTS.iter().map(row).collect::<Vec<_>>());
 }
 
-/// Every section and key of a scenario, as the types that read them tell of themselves.
+/// Every section and key of a scenario, as the types that read them describe them.
 fn scenario_reference() -> String {
     let mut text = "# Scenario reference\n\n\
         Every section of a scenario with its keys, made of the types that read them. `morphquad scenario keys` tells the\n\

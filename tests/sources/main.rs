@@ -1,4 +1,4 @@
-//! The sources themselves: what depends on what, and what documents and templates say of the code.
+//! Checks of the sources: what depends on what, and whether documents and templates agree with the code.
 
 mod architecture;
 mod circles;

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 const RETIRED: &str = include_str!("../retired_words.toml");
-/// What may name them: the list, this file, and what tells of changes.
+/// Files that may contain retired names: the list, this file, and the record of changes.
 const EXEMPT: [&str; 3] = ["tests/retired_words.toml", "tests/sources/words.rs", "CHANGELOG.md"];
 /// What is written by people.
 const KINDS: [&str; 8] = ["rs", "md", "toml", "py", "js", "html", "ipynb", "css"];
@@ -42,9 +42,9 @@ fn retired_in<'r>(text: &str, retired: &'r Retired) -> Option<(&'r str, &'r str)
     let mut begun = prefixes
         .iter()
         .filter(|(name, _)| text.match_indices(name.as_str()).any(|(at, _)| begins(at)));
-    let mut said = phrases.iter().filter(|(name, _)| text.contains(name.as_str()));
+    let mut contained = phrases.iter().filter(|(name, _)| text.contains(name.as_str()));
     let called = words_of(text).find_map(|word| words.get_key_value(word.as_str()));
-    let found = found.next().or_else(|| begun.next()).or_else(|| said.next());
+    let found = found.next().or_else(|| begun.next()).or_else(|| contained.next());
     let (name, word) = found.or(called)?;
     Some((name, word))
 }
@@ -86,7 +86,7 @@ fn retired_words_stay_out_of_code_documents_and_help() {
         if EXEMPT.contains(&name.as_str()) {
             continue;
         }
-        // What is not text has no words.
+        // A file that is not text has nothing to check.
         let Ok(text) = fs::read_to_string(&path) else { continue };
         // A phrase may go on in the next line, behind the marks of a comment.
         let words =

@@ -72,7 +72,7 @@ fn far(draws: &mut Draws, seed: u64) -> Vec<String> {
         ),
         _ => format!("{{kind=\"step\",at_s=4.5,load={{force_w_n={:?}}}}}", draws.vector(0.3)),
     };
-    let mut arguments = words(&[
+    let mut arguments = owned(&[
         "--for",
         "12s",
         "--set",
@@ -89,7 +89,7 @@ fn far(draws: &mut Draws, seed: u64) -> Vec<String> {
         let [x_m, y_m, z_m] = draws.vector(1.0);
         let (yaw_deg, morph_deg) = (draws.number(-90.0, 90.0), draws.number(45.0, 160.0));
         let over_s = draws.number(0.3, 2.0);
-        arguments.extend(words(&[
+        arguments.extend(owned(&[
             "--goto",
             &format!("{x_m:.3},{y_m:.3},{:.3},{yaw_deg:.1}@4s", 1.5 + 0.5 * z_m),
             "--morph",
@@ -102,7 +102,7 @@ fn far(draws: &mut Draws, seed: u64) -> Vec<String> {
 /// The same without a position loop: the step, and a pulse after it.
 fn near(draws: &mut Draws, scenario: &str) -> Vec<String> {
     let morph_deg = draws.number(45.0, 160.0);
-    let mut arguments = words(&[
+    let mut arguments = owned(&[
         "--for",
         "3s",
         "--set",
@@ -111,7 +111,7 @@ fn near(draws: &mut Draws, scenario: &str) -> Vec<String> {
         &format!("start.morph_angle_deg={morph_deg:?}"),
     ]);
     if scenario == "disturbance" {
-        arguments.extend(words(&[
+        arguments.extend(owned(&[
             "--set",
             "disturbance_injector.script=[{kind=\"rd\",at_s=1.3,duration_s=0.01,scale_nm=0.1,rd=[1.0,1.0,0.1]}]",
         ]));
@@ -121,7 +121,7 @@ fn near(draws: &mut Draws, scenario: &str) -> Vec<String> {
 }
 
 fn mismatch(draws: &mut Draws) -> Vec<String> {
-    words(&[
+    owned(&[
         "--set",
         &format!("plant.mismatch.inertia_scale={:?}", draws.number(0.8, 1.25)),
         "--set",
@@ -129,8 +129,8 @@ fn mismatch(draws: &mut Draws) -> Vec<String> {
     ])
 }
 
-fn words(words: &[&str]) -> Vec<String> {
-    words.iter().map(|word| (*word).to_owned()).collect()
+fn owned(arguments: &[&str]) -> Vec<String> {
+    arguments.iter().map(|argument| (*argument).to_owned()).collect()
 }
 
 fn cases(slots: &[Slot], python: bool, seeds: u64) -> Vec<Case> {
@@ -185,12 +185,12 @@ fn fly(morphquad: &Path, case: &Case, is_watched: bool) -> Result<Flown, Box<dyn
         .args(arguments)
         .stdin(Stdio::null())
         .output()?;
-    let said = String::from_utf8_lossy(&output.stderr);
-    let told: Value = serde_json::from_slice(&output.stdout)
-        .map_err(|error| format!("no summary ({error}): {said}"))?;
-    let swap = told["swaps"].get(0).ok_or("no swap")?;
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    let summary: Value = serde_json::from_slice(&output.stdout)
+        .map_err(|error| format!("no summary ({error}): {stderr}"))?;
+    let swap = summary["swaps"].get(0).ok_or("no swap")?;
     Ok(Flown {
-        passed: told["line"].as_str().is_some_and(|line| line.starts_with("PASSED")),
+        passed: summary["line"].as_str().is_some_and(|line| line.starts_with("PASSED")),
         flipped: swap["flipped_s"].is_number(),
         taken_back: swap["ended"] == "taken-back",
         outcome: swap["outcome"].as_str().unwrap_or_default().to_owned(),
@@ -208,20 +208,21 @@ struct Row {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let is_known = |word: &String| {
-        Slot::named(word).is_some() || word == "python" || word.parse::<u64>().is_ok()
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let is_known = |argument: &String| {
+        Slot::named(argument).is_some() || argument == "python" || argument.parse::<u64>().is_ok()
     };
-    if let Some(unknown) = words.iter().find(|word| !is_known(word)) {
+    if let Some(unknown) = arguments.iter().find(|argument| !is_known(argument)) {
         return Err(
             format!("`{unknown}` is neither a slot, a number of seeds, nor `python`").into()
         );
     }
-    let only = words.iter().find_map(|word| Slot::named(word));
+    let only = arguments.iter().find_map(|argument| Slot::named(argument));
     let slots: Vec<Slot> =
         Slot::ALL.into_iter().filter(|slot| only.is_none_or(|only| only == *slot)).collect();
-    let seeds = words.iter().find_map(|word| word.parse().ok()).unwrap_or(50);
-    let cases = cases(&slots, words.iter().any(|word| word == "python"), seeds);
+    let seeds = arguments.iter().find_map(|argument| argument.parse().ok()).unwrap_or(50);
+    let has_python = arguments.iter().any(|argument| argument == "python");
+    let cases = cases(&slots, has_python, seeds);
     let morphquad = executable()?;
     let (next, rows) = (AtomicUsize::new(0), Mutex::new(BTreeMap::<(String, &str), Row>::new()));
     std::thread::scope(|scope| {

@@ -1,9 +1,9 @@
 //! Swaps each entry of the catalogue into the same flight several times in processes and once in one process, and compares
 //! the hashes: whatever a candidate does, if it follows from its inputs, so does the flight.
 //!
-//! `hash_table [attitude|position] [FLIGHTS] [ENTRY...]`: 5 flights in processes by default, of the entries whose names
-//! contain one of these words. Run it after `cargo build --release --workspace --examples --bins`. It ends with 1 if an
-//! entry has two hashes, was not flown, or is not there.
+//! `hash_table [attitude|position] [FLIGHTS] [ENTRY...]`: 5 flights in processes by default. Each `ENTRY` selects the
+//! entries with this text in their names. Run it after `cargo build --release --workspace --examples --bins`. It ends
+//! with 1 if an entry has two hashes, was not flown, or is not there.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
 use catalogue::swapped::config_of;
@@ -23,18 +23,19 @@ const DURATION: &str = "9s";
 type Outcome = (Option<String>, String);
 
 fn main() -> ExitCode {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let flights: usize = words.iter().find_map(|word| word.parse().ok()).unwrap_or(5);
-    let only = words.iter().find_map(|word| Slot::named(word));
-    let is_name = |word: &&String| word.parse::<u64>().is_err() && Slot::named(word).is_none();
-    let named: Vec<&String> = words.iter().filter(is_name).collect();
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let flights: usize = arguments.iter().find_map(|argument| argument.parse().ok()).unwrap_or(5);
+    let only = arguments.iter().find_map(|argument| Slot::named(argument));
+    let is_name =
+        |argument: &&String| argument.parse::<u64>().is_err() && Slot::named(argument).is_none();
+    let named: Vec<&String> = arguments.iter().filter(is_name).collect();
     let slots = Slot::ALL.into_iter().filter(|slot| only.is_none_or(|only| only == *slot));
     let all = slots.flat_map(|slot| {
         let every = entries(slot).into_iter().chain(patient_entries(slot));
         every.map(move |entry| (slot, entry))
     });
     let is_wanted = |(_, entry): &(Slot, Entry)| {
-        named.is_empty() || named.iter().any(|word| entry.name().contains(word.as_str()))
+        named.is_empty() || named.iter().any(|part| entry.name().contains(part.as_str()))
     };
     let all: Vec<(Slot, Entry)> = all.filter(is_wanted).collect();
     let (next, differing) = (AtomicUsize::new(0), Mutex::new(0));
@@ -45,14 +46,14 @@ fn main() -> ExitCode {
                     let found = outcomes(*slot, entry, flights);
                     let name = format!("{} {}", slot.label(), entry.name());
                     let mut differing = differing.lock().expect("no panic");
-                    let told = match found.first() {
+                    let result = match found.first() {
                         Some((Some(hash), ended)) if found.len() == 1 => format!("{ended}, {hash}"),
                         _ => {
                             *differing += 1;
                             format!("DIFFERS: {found:?}")
                         }
                     };
-                    println!("{name}: {told}");
+                    println!("{name}: {result}");
                 }
             });
         }
@@ -93,9 +94,9 @@ fn fly(slot: Slot, config: &Path, how: Option<&str>) -> Outcome {
         .args(how)
         .output()
         .expect("the executable of this build");
-    let told: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
-    let word = |value: &Value| value.as_str().map(str::to_owned);
-    (word(&told["hash"]), word(&told["swaps"][0]["ended"]).unwrap_or_default())
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    let text = |value: &Value| value.as_str().map(str::to_owned);
+    (text(&summary["hash"]), text(&summary["swaps"][0]["ended"]).unwrap_or_default())
 }
 
 /// The folder with the executables of this build.

@@ -50,9 +50,9 @@ impl Tally {
 }
 
 fn main() {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let only = words.iter().find_map(|word| Slot::named(word));
-    let mut numbers = words.iter().filter_map(|word| word.parse::<u32>().ok());
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let only = arguments.iter().find_map(|argument| Slot::named(argument));
+    let mut numbers = arguments.iter().filter_map(|argument| argument.parse::<u32>().ok());
     let instants = numbers.next().unwrap_or(80).max(1);
     let seeds = u64::from(numbers.next().unwrap_or(3));
     let situation = SITUATIONS.iter().find(|it| it.name == "figure8").expect("it is one of them");

@@ -15,9 +15,10 @@ use std::path::{Path, PathBuf};
 const SEED: u64 = 1;
 
 fn main() {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let flights: usize = words.iter().find_map(|word| word.parse().ok()).unwrap_or(60);
-    let guard = if words.iter().any(|word| word == "watch") { Guard::Watch } else { Guard::All };
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let flights: usize = arguments.iter().find_map(|argument| argument.parse().ok()).unwrap_or(60);
+    let is_forced = arguments.iter().any(|argument| argument == "watch");
+    let guard = if is_forced { Guard::Watch } else { Guard::All };
     let built = built();
     let plains = SITUATIONS.map(|situation| plain(&situation, SEED, None, &[]).expect("a flight"));
     let all: Vec<(Slot, Entry)> = Slot::ALL

@@ -116,13 +116,15 @@ impl Table {
         self.cpu_s += cpu_s() - before_s;
         self.count += 1;
         let verdict = Verdict::of(&law, owner, done);
-        let told = if is_good { format!("good {law} for {owner}") } else { entry.name() };
-        let cells = self.cells.entry((slot, told.clone())).or_default();
+        let label = if is_good { format!("good {law} for {owner}") } else { entry.name() };
+        let cells = self.cells.entry((slot, label.clone())).or_default();
         cells.entry(flight).or_default()[usize::from(verdict.accepted)] += 1;
         let (slot, at_s) = (slot.label(), snapshot.at_ns as f64 / 1e9);
         if verdict.accepted != is_good || self.raw {
-            let words = &verdict.words;
-            println!("{slot} {flight} seed {seed} at {at_s} {told} ({law} for {owner}): {words}");
+            let message = &verdict.words;
+            println!(
+                "{slot} {flight} seed {seed} at {at_s} {label} ({law} for {owner}): {message}"
+            );
         }
         let figures = verdict.measured().filter(|_| self.raw);
         for figure in figures.into_iter().flat_map(|figures| &figures.figures) {
@@ -158,10 +160,10 @@ impl Table {
 }
 
 fn main() {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let has = |word: &str| words.iter().any(|given| given == word);
-    let only = words.iter().find_map(|word| Slot::named(word));
-    let seeds: u64 = words.iter().find_map(|word| word.parse().ok()).unwrap_or(1);
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let has = |name: &str| arguments.iter().any(|argument| argument == name);
+    let only = arguments.iter().find_map(|argument| Slot::named(argument));
+    let seeds: u64 = arguments.iter().find_map(|argument| argument.parse().ok()).unwrap_or(1);
     let mut table = Table { raw: has("raw"), ..Table::default() };
     for slot in Slot::ALL.into_iter().filter(|slot| only.is_none_or(|only| only == *slot)) {
         let laws: Vec<&'static str> = names_for(slot.role()).collect();

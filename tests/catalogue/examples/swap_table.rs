@@ -2,11 +2,11 @@
 //! any, and compares the ground truth with the same flight without a swap.
 //!
 //! `swap_table [attitude|position] [all|watch|none] [good] [patient] [pairs] [python] [SEEDS] [KEY=VALUE...] [ENTRY...]`:
-//! `good` flies every shipped controller in place of every other, `patient` those whose fault begins after rehearsal
-//! and rollback window, `pairs` each of those in the position slot after an attitude controller of `entries_of_pairs`,
-//! `python` the controllers in Python, good or bad, and `KEY=VALUE` sets a key of the scenario, for example `monitor.rate_hz=200.0`. Run it after
-//! `cargo build --release --workspace --examples --bins`; Python needs the environment of
-//! `services/attitude-python/README.md`.
+//! `good` flies every shipped controller in place of every other, `patient` those with a fault that begins after
+//! rehearsal and rollback window, `pairs` each of those in the position slot after an attitude controller of
+//! `entries_of_pairs`, `python` the controllers in Python, good or bad, and `KEY=VALUE` sets a key of the scenario, for
+//! example `monitor.rate_hz=200.0`. Run it after `cargo build --release --workspace --examples --bins`; Python needs
+//! the environment of `services/attitude-python/README.md`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
 use catalogue::limits::{lower_limit, upper_limit};
@@ -78,7 +78,7 @@ struct Row {
     lost: u32,
     flipped: u32,
     tripped: u32,
-    /// Trips that predicted a distance, and those of them whose vehicle went no farther.
+    /// Trips that predicted a distance, and those of them after which the vehicle went no farther.
     predicted: u32,
     kept: u32,
     /// Longest time from the first command with the fault to the effect of the trip \[s\].
@@ -110,25 +110,25 @@ impl Candidate {
 }
 
 impl Selection {
-    fn read(words: &[String]) -> Self {
-        let has = |word: &str| words.iter().any(|given| given == word);
+    fn read(arguments: &[String]) -> Self {
+        let has = |name: &str| arguments.iter().any(|argument| argument == name);
         let known = ["all", "watch", "none", "good", "patient", "pairs", "python"];
-        let only = words.iter().find_map(|word| Slot::named(word));
+        let only = arguments.iter().find_map(|argument| Slot::named(argument));
         let guards = [(Guard::All, "all"), (Guard::Watch, "watch"), (Guard::None, "none")];
-        let chosen = guards.iter().any(|(_, word)| has(word));
-        let guards = guards.into_iter().filter(|(_, word)| !chosen || has(word));
-        let named = words.iter().filter(|word| {
-            word.parse::<u64>().is_err()
-                && !word.contains('=')
-                && Slot::named(word).is_none()
-                && !known.contains(&word.as_str())
+        let chosen = guards.iter().any(|(_, name)| has(name));
+        let guards = guards.into_iter().filter(|(_, name)| !chosen || has(name));
+        let named = arguments.iter().filter(|argument| {
+            argument.parse::<u64>().is_err()
+                && !argument.contains('=')
+                && Slot::named(argument).is_none()
+                && !known.contains(&argument.as_str())
         });
-        let given = words.iter().filter(|word| word.contains('='));
-        let given = given.map(|word| Override::set(word).expect("a setting"));
+        let given = arguments.iter().filter(|argument| argument.contains('='));
+        let given = given.map(|argument| Override::set(argument).expect("a setting"));
         Self {
             slots: Slot::ALL.into_iter().filter(|slot| only.is_none_or(|o| o == *slot)).collect(),
             guards: guards.map(|(guard, _)| guard).collect(),
-            seeds: words.iter().find_map(|word| word.parse().ok()).unwrap_or(1),
+            seeds: arguments.iter().find_map(|argument| argument.parse().ok()).unwrap_or(1),
             good: has("good"),
             bad: match (has("pairs"), has("patient")) {
                 (true, _) => Bad::Pairs,
@@ -185,7 +185,7 @@ impl Selection {
         for &slot in &self.slots {
             for candidate in self.candidates(slot) {
                 let name = candidate.name();
-                if !self.named.is_empty() && !self.named.iter().any(|word| name.contains(word)) {
+                if !self.named.is_empty() && !self.named.iter().any(|part| name.contains(part)) {
                     continue;
                 }
                 for holder in self.holders(slot) {
@@ -215,13 +215,13 @@ impl Selection {
 }
 
 fn main() {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    if words.first().is_some_and(|word| word == "types") {
-        // Controllers in Python ask the executable that started them for the layout of samples.
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    if arguments.first().is_some_and(|argument| argument == "types") {
+        // A controller in Python gets the layout of samples from the executable that started it.
         print!("{}", cli::samples::python());
         return;
     }
-    let selection = Selection::read(&words);
+    let selection = Selection::read(&arguments);
     let cases = selection.cases();
     let next = AtomicUsize::new(0);
     let rows: Mutex<Rows> = Mutex::default();
@@ -300,7 +300,7 @@ fn not_flown(error: Box<dyn std::error::Error>) -> Swapped {
         tripped_after_s: None,
         predicted_m: None,
         outcome: String::new(),
-        untold: Vec::new(),
+        unreported: Vec::new(),
     }
 }
 
@@ -325,8 +325,8 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
     let is_refused = case.candidate.is_good() && !flown.flipped;
     let hurts = flown.lost.is_some()
         || case.guard == Guard::All && (flown.excursion_m > 0.5 || flown.tilt_deg > 60.0);
-    let is_untold = !flown.untold.is_empty();
-    if is_refused || is_untold || case.guard != Guard::None && hurts {
+    let is_unreported = !flown.unreported.is_empty();
+    if is_refused || is_unreported || case.guard != Guard::None && hurts {
         println!(
             "{} {name} {} seed {} {}: {}, {:.2} m, {:.0} deg, trip {:?}; untold {:?}; {}",
             case.slot.label(),
@@ -337,7 +337,7 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
             flown.excursion_m,
             flown.tilt_deg,
             flown.tripped_s,
-            flown.untold,
+            flown.unreported,
             flown.outcome
         );
     }

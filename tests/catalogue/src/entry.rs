@@ -146,7 +146,7 @@ pub fn entries_of_pairs() -> [Entry; 3] {
     [of(Fault::Nothing), of(Fault::IgnoresTrips), of(Fault::ReportsZero).after(9.0)]
 }
 
-/// Entries whose fault shows only in realtime.
+/// Entries with a fault that shows only in realtime.
 #[must_use]
 pub fn late_entries() -> [Entry; 2] {
     [Entry::of(Fault::Slow, 0, 1.2), Entry::of(Fault::LateStart, 0, 10.0)]
@@ -155,7 +155,7 @@ pub fn late_entries() -> [Entry; 2] {
 /// Entries that are faultless for longer than a rehearsal and a rollback window.
 #[must_use]
 pub fn patient_entries(slot: Slot) -> Vec<Entry> {
-    /// After the flip, whose instant depends on the rehearsal, and the window.
+    /// Later than the flip, which depends on the rehearsal, and than the end of the rollback window.
     const AFTER_S: f64 = 4.0;
     let axis = |axis| Entry::of(Fault::WrongSign, axis, 0.0);
     let of = |fault, amount| Entry::of(fault, 0, amount);
@@ -183,7 +183,7 @@ pub fn patient_entries(slot: Slot) -> Vec<Entry> {
     all.into_iter().map(|entry| entry.after(AFTER_S)).collect()
 }
 
-/// Every entry whose fault shows in lockstep too.
+/// Every entry with a fault that shows in lockstep too.
 #[must_use]
 pub fn entries(slot: Slot) -> Vec<Entry> {
     // A position controller passes the heading of the reference through, so that its sign cannot be wrong.

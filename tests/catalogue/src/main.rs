@@ -12,7 +12,7 @@ use std::io::Write as _;
 use std::process::ExitCode;
 use vehicle::MorphAngle;
 
-/// Largest command of roll and pitch of a position controller whose law has no bound \[rad\].
+/// Largest command of roll and pitch of a position controller with a law that does not limit them \[rad\].
 const TILT_RAD: f64 = 0.35;
 
 /// A bad controller for a run of morphquad, which starts it.

@@ -11,22 +11,23 @@ use runtime::{Component, Ending, Input, Output, OutputSet as _, OutputVisitor, S
 use shared_types::{AppliedSetpoint, AttitudeSetpoint, Sample, Topic, WrenchCommand};
 use std::any::Any;
 
-/// A service whose outputs pass through a [`Spoiler`].
+/// A service that passes its outputs through a [`Spoiler`].
 #[derive(Debug)]
 pub struct Spoiled<S: Service> {
     inner: S,
     spoiler: Spoiler,
     period_ns: u64,
     /// Monotonic wall-clock instant of the first command, for [`Fault::LateStart`] \[ns\].
-    speaks_mono_ns: Option<u64>,
-    /// What the controller hears of its inputs with [`Fault::IgnoresTrips`].
-    heard: S::Inputs,
+    first_command_mono_ns: Option<u64>,
+    /// The inputs without the trips, which the controller receives with [`Fault::IgnoresTrips`].
+    inputs_without_trips: S::Inputs,
 }
 
 impl<S: Service> Spoiled<S> {
     /// Wraps a controller with the period `period_ns` \[ns\].
     pub fn new(inner: S, spoiler: Spoiler, period_ns: u64) -> Self {
-        Self { inner, spoiler, period_ns, speaks_mono_ns: None, heard: S::Inputs::default() }
+        let inputs_without_trips = S::Inputs::default();
+        Self { inner, spoiler, period_ns, first_command_mono_ns: None, inputs_without_trips }
     }
 
     /// Sleeps as the timing faults require.
@@ -40,8 +41,9 @@ impl<S: Service> Spoiled<S> {
                 sleep_until(now_ns + ns(amount * self.period_ns as f64));
             }
             Fault::LateStart => {
-                let speaks_ns = *self.speaks_mono_ns.get_or_insert(now_ns + ns(amount * 1e9));
-                sleep_until(speaks_ns);
+                let first_command_ns =
+                    *self.first_command_mono_ns.get_or_insert(now_ns + ns(amount * 1e9));
+                sleep_until(first_command_ns);
             }
             _ => {}
         }
@@ -68,10 +70,11 @@ impl OutputVisitor for Spoil<'_> {
             spoil_wrench(self.spoiler, self.now_ns, command, self.seen);
         } else if let Some(command) = any.downcast_mut::<AttitudeSetpoint>() {
             spoil_setpoint(self.spoiler, self.now_ns, command, self.seen);
-        } else if let Some(said) = any.downcast_mut::<AppliedSetpoint>()
+        } else if let Some(report) = any.downcast_mut::<AppliedSetpoint>()
             && self.spoiler.misreports(self.now_ns)
         {
-            (said.thrust_n, said.roll_rad, said.pitch_rad, said.yaw_rad) = (0.0, 0.0, 0.0, 0.0);
+            (report.thrust_n, report.roll_rad, report.pitch_rad, report.yaw_rad) =
+                (0.0, 0.0, 0.0, 0.0);
         } else {
             return Ok(());
         }
@@ -88,8 +91,8 @@ impl<S: Service + 'static> Service for Spoiled<S> {
     fn step(&mut self, now_ns: u64, inputs: &S::Inputs, outputs: &mut S::Outputs) {
         self.dawdle();
         if self.spoiler.entry().fault == Fault::IgnoresTrips {
-            pass_on_but_trips(now_ns, inputs, &mut self.heard);
-            self.inner.step(now_ns, &self.heard, outputs);
+            pass_on_but_trips(now_ns, inputs, &mut self.inputs_without_trips);
+            self.inner.step(now_ns, &self.inputs_without_trips, outputs);
         } else {
             self.inner.step(now_ns, inputs, outputs);
         }

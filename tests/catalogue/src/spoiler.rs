@@ -53,7 +53,7 @@ impl Spoiler {
         Self { entry, largest, began_ns: None, first: None, morphed: false, past }
     }
 
-    /// The entry whose fault is applied.
+    /// The entry with the fault that is applied.
     #[must_use]
     pub fn entry(&self) -> &Entry {
         &self.entry
@@ -171,8 +171,8 @@ mod tests {
         let mut late = of(Fault::Delay, 0.03);
         for step in 0..10_u32 {
             let command = [f64::from(step); 4];
-            let told = late.spoil(u64::from(step) * 10_000_000, command, still);
-            assert_eq!(told[0], f64::from(step.saturating_sub(3)));
+            let delayed = late.spoil(u64::from(step) * 10_000_000, command, still);
+            assert_eq!(delayed[0], f64::from(step.saturating_sub(3)));
         }
         let mut nan = after(Fault::NotANumber, 0.0, 0.7);
         assert_eq!(nan.spoil(0, COMMAND, still), COMMAND);
@@ -180,9 +180,9 @@ mod tests {
         let mut frozen = after(Fault::Frozen, 0.0, 1e-9);
         assert_eq!(frozen.spoil(0, [9.0; 4], still), [9.0; 4]);
         assert_eq!(frozen.spoil(2, COMMAND, still), frozen.spoil(5, [0.0; 4], still));
-        let mut lies = after(Fault::ReportsZero, 0.0, 0.7);
-        assert_eq!(lies.spoil(0, COMMAND, still), COMMAND);
-        assert_eq!([699_999_999, 700_000_000].map(|t_ns| lies.misreports(t_ns)), [false, true]);
+        let mut zeroed = after(Fault::ReportsZero, 0.0, 0.7);
+        assert_eq!(zeroed.spoil(0, COMMAND, still), COMMAND);
+        assert_eq!([699_999_999, 700_000_000].map(|t_ns| zeroed.misreports(t_ns)), [false, true]);
         let mut climbs = after(Fault::Thrust, 4.0, 0.5);
         let mut spins = after(Fault::Spins, 1.0, 0.5);
         for t_ns in [0, 500_000_000, 1_500_000_000] {

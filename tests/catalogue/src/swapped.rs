@@ -153,13 +153,13 @@ pub struct Swapped {
     pub tripped_s: Option<f64>,
     /// Time from the first step of the slot's candidate to that instant \[s\].
     pub tripped_after_s: Option<f64>,
-    /// Distance from the reference at which the vehicle can be stopped by the word of the first trip \[m\]; `None` if
-    /// that was for another reason.
+    /// Distance from the reference at which the vehicle can be stopped, as predicted by the first trip \[m\]; `None` if
+    /// that trip had another reason.
     pub predicted_m: Option<f64>,
-    /// How the swap ended, as a sentence of the launcher.
+    /// How the swap ended, as the launcher reports it.
     pub outcome: String,
-    /// Slots of trips after which no report of a swap says that the slot was taken back.
-    pub untold: Vec<&'static str>,
+    /// Slots with a trip, but without a swap that is reported as taken back.
+    pub unreported: Vec<&'static str>,
 }
 
 /// The scenario of a situation in lockstep, with a seed and further settings.
@@ -264,7 +264,7 @@ pub fn swapped_at(
     let mut more = plain.edits.clone();
     more.push(Override::swap(&format!("{}={to}@{join_s}s", slot.label()))?);
     let (course, conclusion) = fly(&unhurried(situation, seed, &more)?, 0)?;
-    Ok(judge(&course, plain, &told(&conclusion)))
+    Ok(judge(&course, plain, &reported_swaps(&conclusion)))
 }
 
 /// The same as [`swapped`], with trips that take effect `trips_later_ns` \[ns\] later than the monitor
@@ -283,7 +283,7 @@ pub fn swapped_with_late_trips(
     let mut more = plain.edits.clone();
     more.extend(swap(slot, (to, config), JOIN_S, guard)?);
     let (course, conclusion) = fly(&unhurried(situation, seed, &more)?, trips_later_ns)?;
-    Ok(judge(&course, plain, &told(&conclusion)))
+    Ok(judge(&course, plain, &reported_swaps(&conclusion)))
 }
 
 /// Flies a situation in which first an attitude controller is forced in, which may be one that no rehearsal would let
@@ -301,7 +301,7 @@ pub fn paired(
     more.extend(swap(Slot::Attitude, attitude, JOIN_S, Guard::Watch)?);
     more.extend(swap(Slot::Position, position, JOIN_S + PAIRED_S, Guard::All)?);
     let (course, conclusion) = fly(&unhurried(situation, seed, &more)?, 0)?;
-    Ok(judge(&course, plain, &told(&conclusion)))
+    Ok(judge(&course, plain, &reported_swaps(&conclusion)))
 }
 
 /// Settings with which a flight lasts long enough for two swaps.
@@ -313,7 +313,7 @@ pub fn pair_settings() -> Vec<Override> {
     vec![Override::set("scenario.duration_s=14.0").expect("a setting")]
 }
 
-/// The settings that script a swap whose candidate joins at `join_s` \[s\].
+/// The settings of a scripted swap with a candidate that joins at `join_s` \[s\].
 fn swap(
     slot: Slot,
     (to, config): (&str, Option<&Path>),
@@ -363,9 +363,9 @@ pub fn swapped_in_realtime(
         .arg(folder.path())
         .stdin(std::process::Stdio::null())
         .output()?;
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout)
-        .map_err(|error| format!("no summary ({error}): {said}"))?;
+        .map_err(|error| format!("no summary ({error}): {stderr}"))?;
     let recording = summary["recording"].as_str().ok_or("no recording")?;
     let recorded = RecordedFlight::open(recording.as_ref())?;
     let applied = recorded.samples(&topics::APPLIED_COMMAND)?;
@@ -381,15 +381,16 @@ pub fn swapped_in_realtime(
     recorded.samples(&topics::ATTITUDE_SETPOINT)?.iter().for_each(|command| {
         course.note_step(&topics::ATTITUDE_SETPOINT, command);
     });
-    let of = |swap: &serde_json::Value| Told {
+    let of = |swap: &serde_json::Value| ReportedSwap {
         slot: swap["slot"].as_str().and_then(Slot::named),
         flipped: swap["flipped_s"].is_number(),
         taken_back: swap["ended"] == "taken-back",
         outcome: swap["outcome"].as_str().unwrap_or_default().to_owned(),
     };
-    let told: Vec<Told> = summary["swaps"].as_array().into_iter().flatten().map(of).collect();
+    let swaps: Vec<ReportedSwap> =
+        summary["swaps"].as_array().into_iter().flatten().map(of).collect();
     let missed = summary["missed_ticks"].as_u64().unwrap_or_default();
-    Ok((judge(&course, plain, &told), missed))
+    Ok((judge(&course, plain, &swaps), missed))
 }
 
 fn tilt_rad(truth: &Truth) -> f64 {
@@ -398,16 +399,16 @@ fn tilt_rad(truth: &Truth) -> f64 {
     q_wb.transform_vector(&Vector3::z()).angle(&Vector3::z())
 }
 
-/// What the launcher reports of a swap.
-struct Told {
+/// What the launcher reports about a swap.
+struct ReportedSwap {
     slot: Option<Slot>,
     flipped: bool,
     taken_back: bool,
     outcome: String,
 }
 
-fn told(conclusion: &Conclusion) -> Vec<Told> {
-    let of = |swap: &SwapReport| Told {
+fn reported_swaps(conclusion: &Conclusion) -> Vec<ReportedSwap> {
+    let of = |swap: &SwapReport| ReportedSwap {
         slot: Slot::named(swap.slot),
         flipped: swap.flipped_s.is_some(),
         taken_back: swap.ended == SwapEnd::TakenBack,
@@ -416,17 +417,17 @@ fn told(conclusion: &Conclusion) -> Vec<Told> {
     conclusion.swaps.iter().map(of).collect()
 }
 
-/// Slots of trips after which no swap is reported as taken back.
-fn untold(trips: &[Trip], told: &[Told]) -> Vec<&'static str> {
+/// Slots with a trip, but without a swap that is reported as taken back.
+fn unreported(trips: &[Trip], swaps: &[ReportedSwap]) -> Vec<&'static str> {
     let slots = Slot::ALL.into_iter().filter(|slot| {
         let has_tripped = trips.iter().any(|trip| trip.slot == slot.role());
-        has_tripped && !told.iter().any(|swap| swap.slot == Some(*slot) && swap.taken_back)
+        has_tripped && !swaps.iter().any(|swap| swap.slot == Some(*slot) && swap.taken_back)
     });
     slots.map(Slot::label).collect()
 }
 
 /// Judges a flight; flip and outcome are those of its last swap.
-fn judge(course: &Course, plain: &Plain, told: &[Told]) -> Swapped {
+fn judge(course: &Course, plain: &Plain, swaps: &[ReportedSwap]) -> Swapped {
     let mut lost = course.cut.then(|| "its rotors were cut".to_owned());
     let (mut excursion_m, mut more_tilt_rad) = (0.0_f64, 0.0_f64);
     let last_ns = |truths: &[Truth]| truths.last().map(|truth| truth.header.release_ns);
@@ -466,7 +467,7 @@ fn judge(course: &Course, plain: &Plain, told: &[Told]) -> Swapped {
         recovered,
         excursion_m,
         tilt_deg: more_tilt_rad.to_degrees(),
-        flipped: told.last().is_some_and(|swap| swap.flipped),
+        flipped: swaps.last().is_some_and(|swap| swap.flipped),
         predicted_m: course
             .trips
             .first()
@@ -478,8 +479,8 @@ fn judge(course: &Course, plain: &Plain, told: &[Told]) -> Swapped {
             let (_, first_ns) = slots.into_iter().find(|(slot, _)| slot.role() == trip.slot)?;
             Some(trip.header.valid_ns.checked_sub(first_ns?)? as f64 * 1e-9)
         }),
-        outcome: told.last().map_or_else(String::new, |swap| swap.outcome.clone()),
-        untold: untold(&course.trips, told),
+        outcome: swaps.last().map_or_else(String::new, |swap| swap.outcome.clone()),
+        unreported: unreported(&course.trips, swaps),
     }
 }
 

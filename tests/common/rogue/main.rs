@@ -1,4 +1,4 @@
-//! A controller that misbehaves when told to, and a stranger that was never asked.
+//! A controller that misbehaves when configured to, and a stranger that was never asked.
 //!
 //! As a candidate (`morphquad swap attitude --to PATH --config FILE`) it flies like the template that
 //! users begin with, until the instant at which its file wants something else. As `rogue stray RUN` it forges every
@@ -50,7 +50,7 @@ enum What {
 }
 
 outputs! {
-    /// What it says.
+    /// What it publishes.
     pub struct Outputs {
         /// Thrust and torque asked of the rotors.
         wrench_command: WrenchCommand = topics::WRENCH_COMMAND,
@@ -100,7 +100,7 @@ impl Rogue {
         })
     }
 
-    /// What it says in place of `command`, T \[N\] and τ \[N m\].
+    /// What it publishes in place of `command`, T \[N\] and τ \[N m\].
     fn spoil(&mut self, command: [f64; 4]) -> [f64; 4] {
         let Mischief { what, amount, .. } = self.mischief;
         let [thrust, x, y, z] = command;
@@ -133,10 +133,10 @@ fn print_lines(count: f64) {
     }
 }
 
-/// Opens a service as a build with another layout of it would, and gives what the port says to that.
+/// Opens a service as a build with another layout of it would, and returns the error of the port.
 fn be_of_an_old_build() -> BuildError {
-    let mut words = std::env::args().skip_while(|word| word != "--run");
-    let folder = PathBuf::from(words.nth(1).unwrap_or_default());
+    let mut arguments = std::env::args().skip_while(|argument| argument != "--run");
+    let folder = PathBuf::from(arguments.nth(1).unwrap_or_default());
     let opened = Membership::join(&folder).map_err(BuildError::from).and_then(|membership| {
         let bus = Bus::join(&membership.ipc_config(), "rogue")?;
         Ok(bus.open_service::<Progress>(ServiceKind::Hello).map(|_| ())?)
@@ -195,10 +195,10 @@ impl Service for Rogue {
 }
 
 fn main() -> ExitCode {
-    let words: Vec<String> = std::env::args().collect();
-    match words.as_slice() {
-        [_, word, folder] if word == "stray" => stray::write_on(folder.as_ref(), false),
-        [_, word, folder] if word == "usurp" => stray::write_on(folder.as_ref(), true),
+    let arguments: Vec<String> = std::env::args().collect();
+    match arguments.as_slice() {
+        [_, mode, folder] if mode == "stray" => stray::write_on(folder.as_ref(), false),
+        [_, mode, folder] if mode == "usurp" => stray::write_on(folder.as_ref(), true),
         _ => host::controller("rogue", Rogue::new),
     }
 }

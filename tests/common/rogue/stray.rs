@@ -46,7 +46,7 @@ fn write(folder: &Path, usurps: bool) -> Result<(), BuildError> {
     Ok(())
 }
 
-/// What one process tells of itself and hears of its launcher.
+/// The services on which one process publishes its state and progress, and its launcher the handover.
 struct Post {
     seat: Seat,
     state: StatePublisher,

@@ -17,15 +17,15 @@ pub(super) struct Live {
 }
 
 impl Live {
-    /// Of a flight that serves itself, from what it says of its addresses.
+    /// Of a flight that serves itself, from the addresses that it prints.
     pub(super) fn of(mut child: Child) -> (Self, std::thread::JoinHandle<String>) {
-        let mut said = BufReader::new(child.stderr.take().expect("a pipe"));
+        let mut stderr = BufReader::new(child.stderr.take().expect("a pipe"));
         let out = BufReader::new(child.stdout.take().expect("a pipe"));
         let mut next = |begins: &str| {
             let mut line = String::new();
             while !line.contains(begins) {
                 line.clear();
-                assert!(said.read_line(&mut line).expect("a line") > 0, "it says no {begins}");
+                assert!(stderr.read_line(&mut line).expect("a line") > 0, "it says no {begins}");
             }
             let (_, address) = line.split_once(begins).expect("just seen");
             address.split_whitespace().next().expect("an address").to_owned()
@@ -36,15 +36,15 @@ impl Live {
         // A process that writes to a pipe that is not read stands still at last.
         let rest = std::thread::spawn(move || {
             let mut rest = String::new();
-            let _ = said.read_to_string(&mut rest);
+            let _ = stderr.read_to_string(&mut rest);
             rest
         });
         (Self { child, _out: out, page, token, socket }, rest)
     }
 
     pub(super) fn beside(run: &str) -> Self {
-        let words = ["live", "--run", run, "--listen", "127.0.0.1:0", "--no-open"];
-        let mut child = morphquad(words).stderr(Stdio::null()).spawn().expect("it starts");
+        let arguments = ["live", "--run", run, "--listen", "127.0.0.1:0", "--no-open"];
+        let mut child = morphquad(arguments).stderr(Stdio::null()).spawn().expect("it starts");
         let mut out = BufReader::new(child.stdout.take().expect("a pipe"));
         let mut lines = [String::new(), String::new()];
         for line in &mut lines {
@@ -164,7 +164,7 @@ const PING_BYTES: u8 = 125;
 /// Sends pings without end and reads none of the answers, until it is sent away.
 pub(super) fn flood_with_pings(mut stream: TcpStream) {
     const FLOOD_BYTES_MAX: usize = 4 << 30;
-    // The first bit of the second byte says that the body is masked, here with zeros.
+    // The first bit of the second byte means that the body is masked, here with zeros.
     let ping = [&[0x89, 0x80 | PING_BYTES, 0, 0, 0, 0][..], &[b'x'; PING_BYTES as usize]].concat();
     let pings = ping.repeat(1000);
     let mut sent_bytes = 0;

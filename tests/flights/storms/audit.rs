@@ -21,7 +21,7 @@ const CARRIED_S: f64 = 1.0;
 /// The gate's mode in which a command is in effect.
 const NORMAL: f64 = 0.0;
 
-/// Who may command from an instant on.
+/// The seats that may command from an instant on.
 struct Record {
     from_s: f64,
     owner: f64,
@@ -42,11 +42,11 @@ struct Flight {
     commands: Vec<Row>,
     ticks: Vec<Row>,
     set_points: Vec<Row>,
-    /// Of what other loops publish, who wrote which sample.
+    /// The writers of the samples that other loops publish.
     others: [(&'static str, Vec<Row>); 3],
 }
 
-/// At the beginning of what is asked of each topic: who wrote which sample.
+/// The first fields that are read of each topic: the writer and number of a sample.
 const WRITER: [&str; 3] = ["header.seat", "header.generation", "header.sequence"];
 
 /// Everything that is wrong with a recorded flight; none of it may be.
@@ -92,13 +92,13 @@ fn moved_as_it_should(flight: &Flight) -> Vec<String> {
         let tilt_deg = (1.0 - 2.0 * (qx * qx + qy * qy)).clamp(-1.0, 1.0).acos().to_degrees();
         tilt = if tilt_deg > tilt.0 { (tilt_deg, row.t_s) } else { tilt };
     }
-    let told = |is_bad: bool, what: &str, (value, at_s): (f64, f64)| {
+    let finding = |is_bad: bool, what: &str, (value, at_s): (f64, f64)| {
         is_bad.then(|| format!("{what} {value:.2} at {at_s:.3} s"))
     };
     [
-        told(farthest.0 > EXCURSION_MAX_M, "metres from the reference:", farthest),
-        told(lowest.0 < HEIGHT_MIN_M, "metres above the ground:", lowest),
-        told(tilt.0 > TILT_MAX_DEG, "degrees of tilt:", tilt),
+        finding(farthest.0 > EXCURSION_MAX_M, "metres from the reference:", farthest),
+        finding(lowest.0 < HEIGHT_MIN_M, "metres above the ground:", lowest),
+        finding(tilt.0 > TILT_MAX_DEG, "degrees of tilt:", tilt),
     ]
     .into_iter()
     .flatten()
@@ -125,8 +125,8 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
     let (mut wrong, mut first, mut before_s) = (0_u32, None, None);
     let joined_s = flight.ticks.first().filter(|tick| tick.values[5] > 0.0).map(|tick| tick.t_s);
     let mut failed_over_before = 0.0;
-    // Who had the turn when its command came into effect keeps it for as long as that is valid: the command, and from when
-    // until when it is.
+    // A seat that had the turn when its command came into effect keeps it for as long as that is valid: the command,
+    // and from when until when it is.
     let mut in_effect: Option<([u64; 2], f64, f64)> = None;
     for row in &flight.ticks {
         let [_, _, _, mode, seat, sequence, failed_over, release_ns, _] = row.values[..] else {
@@ -134,19 +134,20 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
         };
         let t_s = release_ns * 1e-9;
         let began_s = before_s.replace(t_s).unwrap_or(t_s);
-        // A tick tells of the stretch that ends with it, in which the move to the fallback may be over again.
+        // A tick reports the stretch that ends with it, in which the move to the fallback may be over again.
         let fell_back = failed_over + core::mem::replace(&mut failed_over_before, failed_over);
         // Before the first command the plant hovers by itself.
         if mode != NORMAL || sequence == 0.0 {
             continue;
         }
         let key = [seat.to_bits(), sequence.to_bits()];
-        // A launcher that took over has not heard what was in effect then, or not by whose record.
+        // A launcher that took over has not received the command that was in effect then, or not the record by which it
+        // was.
         let is_from_before = joined_s.is_some_and(|joined_s| t_s < joined_s + CARRIED_S);
-        let mut heard = commands.get(&key).into_iter().flatten();
+        let mut candidates = commands.get(&key).into_iter().flatten();
         let is_known =
             |command: &Command| (known_from_s..=t_s + EPSILON_S).contains(&command.from_s);
-        if is_from_before && !heard.any(is_known) {
+        if is_from_before && !candidates.any(is_known) {
             continue;
         }
         let counts = commands.get(&key).into_iter().flatten().find(|command| {
@@ -154,7 +155,7 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
             let has_the_turn = then.is_some_and(|(_, record)| {
                 record.owner == seat || record.fallback == seat && fell_back > 0.0
             });
-            // What a fallback has said before it becomes the owner counts once nothing else does.
+            // A command that a fallback has published before it becomes the owner counts once nothing else does.
             let is_next = then.is_some_and(|(_, record)| record.fallback == seat)
                 && in_effect.is_none_or(|(_, _, until_s)| until_s <= t_s + EPSILON_S);
             let is_carried = in_effect
@@ -169,12 +170,12 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
             first.get_or_insert((t_s, seat, sequence));
         }
     }
-    let told = first.map(|(t_s, seat, sequence)| {
+    let finding = first.map(|(t_s, seat, sequence)| {
         format!(
             "{wrong} ticks by who did not own the slot, first {sequence} of {seat} at {t_s:.3} s"
         )
     });
-    told.into_iter().collect()
+    finding.into_iter().collect()
 }
 
 /// The commands by seat and sequence, to which a process that takes a seat later may come again.
@@ -205,17 +206,17 @@ fn complete(flight: &Flight) -> Vec<String> {
             let [first, last] = [numbers.first(), numbers.last()].map(|n| n.copied().unwrap_or(0));
             let missing = last - first + 1 - numbers.len() as u64;
             if missing > 0 {
-                let whose = format!("seat {seat}, process {generation}");
-                findings.push(format!("{missing} samples of {topic} are missing ({whose})"));
+                let publisher = format!("seat {seat}, process {generation}");
+                findings.push(format!("{missing} samples of {topic} are missing ({publisher})"));
             }
         }
     }
     for (process, commands) in commands {
         let last = commands.last().copied().unwrap_or(0);
-        let told = set_points.get(&process).cloned().unwrap_or_default();
+        let published = set_points.get(&process).cloned().unwrap_or_default();
         // A launcher that takes over gets more of the past of one topic than of another.
-        let first = told.first().copied().unwrap_or(0);
-        let missing = commands.range(first..last).filter(|n| !told.contains(n)).count();
+        let first = published.first().copied().unwrap_or(0);
+        let missing = commands.range(first..last).filter(|n| !published.contains(n)).count();
         if missing > 0 {
             findings.push(format!("{missing} applied set points of {process:?} are missing"));
         }

@@ -17,7 +17,7 @@ const STOPPED_S: f64 = 0.5;
 
 /// What flies alone in its role and is started again when it dies.
 const ALONE: [&str; 4] = ["estimator", "disturbance-injector", "monitor", "pilot"];
-/// What may be stopped: the launcher too, whose end is an [`Act::Adopt`].
+/// The processes that may be stopped, which include the launcher; its end is an [`Act::Adopt`].
 const STOPPED: [&str; 5] = [ALONE[0], ALONE[1], ALONE[2], ALONE[3], LAUNCHER];
 /// The name of the launcher in an act.
 pub(super) const LAUNCHER: &str = "launcher";
@@ -163,21 +163,21 @@ impl Act {
 
     /// As arguments of `morphquad`, for a run in flight; none of what is no order.
     pub(super) fn order(&self) -> Option<Vec<String>> {
-        let words = |words: &[&str]| Some(words.iter().map(ToString::to_string).collect());
+        let owned = |arguments: &[&str]| Some(arguments.iter().map(ToString::to_string).collect());
         match self {
             Self::Swap { slot, to, shadow_s, window_s } => {
                 let [shadow, window] = [shadow_s, window_s].map(|s| format!("{s:.2}s"));
-                words(&["swap", slot, "--to", to, "--shadow", &shadow, "--rollback", &window])
+                owned(&["swap", slot, "--to", to, "--shadow", &shadow, "--rollback", &window])
             }
-            Self::StandBy { slot, name } => words(&["standby", slot, name, "--shadow", "300ms"]),
-            Self::Rollback { slot } => words(&["rollback", slot]),
-            Self::Retire { name } => words(&["retire", name]),
+            Self::StandBy { slot, name } => owned(&["standby", slot, name, "--shadow", "300ms"]),
+            Self::Rollback { slot } => owned(&["rollback", slot]),
+            Self::Retire { name } => owned(&["retire", name]),
             Self::GoTo { x_m, y_m, z_m } => {
                 let [x, y, z] = [x_m, y_m, z_m].map(|m| format!("{m:.2}"));
                 // What is negative is no option.
-                words(&["goto", "--", &x, &y, &z])
+                owned(&["goto", "--", &x, &y, &z])
             }
-            Self::Morph { degrees } => words(&["morph", &degrees.to_string(), "--over", "1s"]),
+            Self::Morph { degrees } => owned(&["morph", &degrees.to_string(), "--over", "1s"]),
             Self::Kill { .. } | Self::Stop { .. } | Self::Adopt => None,
         }
     }

@@ -1,6 +1,6 @@
 //! Flights of processes by a script: the same as in one process, whatever comes to the processes from outside.
 
-use super::{identical, in_processes, timed, told};
+use super::{identical, in_processes, reported, timed};
 use crate::common::misdeeds::rogue;
 use crate::common::processes::{Running, kill};
 use crate::common::{morphquad, rounds};
@@ -12,7 +12,7 @@ fn a_loop_that_is_stopped_for_longer_than_its_ports_have_room_loses_nothing() {
     let flags = ["hover", "--for", "3s", "--no-record"];
     for script in ["estimator:stopped@0.5s..2.5s", "position:stopped@0.5s..2.9s"] {
         let flown = timed(&flags, &[script]);
-        assert_eq!(told(&in_processes(&flags, &[script])), told(&flown), "{script}");
+        assert_eq!(reported(&in_processes(&flags, &[script])), reported(&flown), "{script}");
     }
 }
 
@@ -41,8 +41,8 @@ fn a_process_that_dies_or_hangs_in_a_flight_by_a_script_changes_no_bit() {
             let mut running = Running::start_and_fly(&paced);
             running.signal(name, signal);
             let flown = running.wait();
-            assert!(flown.number("recovered_crashes") >= 1.0, "{name}: {}", flown.said());
-            assert_eq!(flown.hash(), undisturbed.hash(), "{name}: {}", flown.said());
+            assert!(flown.number("recovered_crashes") >= 1.0, "{name}: {}", flown.output_text());
+            assert_eq!(flown.hash(), undisturbed.hash(), "{name}: {}", flown.output_text());
             assert_eq!(flown.misses(), undisturbed.misses(), "{name}");
         }
     }
@@ -55,7 +55,11 @@ fn an_owner_that_leaves_at_the_end_of_a_flight_by_a_script_leaves_at_once() {
         let swap = format!("position=position-pid@1s,shadow=300ms,rollback={rollback_ms}ms");
         let flags = ["hover", "--for", "2s", "--no-record", "--swap", &swap];
         let script = ["attitude:step=1ms"];
-        assert_eq!(told(&in_processes(&flags, &script)), told(&timed(&flags, &script)), "{swap}");
+        assert_eq!(
+            reported(&in_processes(&flags, &script)),
+            reported(&timed(&flags, &script)),
+            "{swap}"
+        );
     }
 }
 
@@ -68,24 +72,29 @@ fn a_flight_by_a_script_ends_in_order_when_it_is_interrupted_and_takes_orders() 
         let mut running = Running::start_and_fly(&flags);
         assert!(kill(running.launcher_pid(), Signal::INT));
         let flown = running.wait();
-        assert_eq!((flown.code, flown.verdict()), (Some(130), "INCOMPLETE"), "{}", flown.said());
-        assert!(identical(&flown.recording_path()), "{}", flown.said());
+        assert_eq!(
+            (flown.code, flown.verdict()),
+            (Some(130), "INCOMPLETE"),
+            "{}",
+            flown.output_text()
+        );
+        assert!(identical(&flown.recording_path()), "{}", flown.output_text());
     }
 
     let flags = ["hover", "--for", "600s", "--speed", "1", "--timing", "estimator:step=0.2ms"];
     let mut running = Running::start_and_fly(&flags);
     let mut swap = morphquad(["swap", "--run", running.id()]);
     let output = swap.args(["--to", "attitude-pid", "attitude"]).output().expect("it starts");
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success() && said.contains("rollback window is over"), "{said}");
+    let stdout = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success() && stdout.contains("rollback window is over"), "{stdout}");
     let mut swap = morphquad(["swap", "--run", running.id()]);
     let output = swap.args(["--to", rogue(), "attitude"]).output().expect("it starts");
-    let said = String::from_utf8_lossy(&output.stderr).replace("\n  │", "");
-    assert!(said.contains("takes no turns in a flight by [[timing]]"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr).replace("\n  │", "");
+    assert!(stderr.contains("takes no turns in a flight by [[timing]]"), "{stderr}");
     assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
-    assert_eq!((flown.code, flown.verdict()), (Some(130), "INCOMPLETE"), "{}", flown.said());
-    assert!(identical(&flown.recording_path()), "{}", flown.said());
+    assert_eq!((flown.code, flown.verdict()), (Some(130), "INCOMPLETE"), "{}", flown.output_text());
+    assert!(identical(&flown.recording_path()), "{}", flown.output_text());
 }
 
 /// A process that is to be started again when it is killed once more is started, and is not taken for one that dies.
@@ -95,20 +104,20 @@ fn an_owner_that_is_killed_when_it_is_about_to_be_started_again_is_started() {
     let flags = [&flags[..], &["--no-record"]].concat();
     let scripts =
         ["plant:step=1288us..29422us@812ms..2677ms", "estimator:step=2ms..12ms@339ms..1772ms"];
-    assert_eq!(told(&in_processes(&flags, &scripts)), told(&timed(&flags, &scripts)));
+    assert_eq!(reported(&in_processes(&flags, &scripts)), reported(&timed(&flags, &scripts)));
 }
 
-/// By the wall clock it waits as long as it is told to, whatever the machine does besides.
+/// By the wall clock it waits as long as it is configured to, whatever the machine does besides.
 #[test]
 fn a_loop_takes_its_time_by_the_wall_clock_too() {
     let scripts = ["attitude:step=3ms", "position:start-late=4ms"];
     let flags = ["hover", "--clock", "realtime", "--for", "1s", "--speed", "0.5"];
     let flown = in_processes(&flags, &scripts);
-    assert!(matches!(flown.code, Some(0 | 1)), "{}", flown.said());
+    assert!(matches!(flown.code, Some(0 | 1)), "{}", flown.output_text());
     let times = ["header.release_mono_ns", "header.start_mono_ns", "header.publish_mono_ns"];
     let [commands, set_points] =
         flown.recording().several([("wrench_command", &times), ("attitude_setpoint", &times)]);
-    assert!(commands.len() > 10 && set_points.len() > 5, "{}", flown.said());
+    assert!(commands.len() > 10 && set_points.len() > 5, "{}", flown.output_text());
     // Twice as long at half the speed.
     for row in commands {
         assert!(row.values[2] - row.values[1] >= 5.99e6, "{:?}", row.values);

@@ -43,7 +43,7 @@ pub(crate) struct Item {
 }
 
 impl Item {
-    /// The command, which is told its seed.
+    /// The command, with its seed in the environment.
     pub(crate) fn command(&self, root: &Path, seed: u64) -> Command {
         let mut command = Command::new(&self.program);
         command.args(&self.arguments).current_dir(root).stdin(Stdio::null());
@@ -60,7 +60,7 @@ impl List {
             .map_err(|error| SoakError::List { path: path.to_owned(), error: error.to_string() })
     }
 
-    /// Builds the executables and gives everything whose name contains `only`.
+    /// Builds the executables and returns every item with `only` in its name.
     pub(crate) fn build(&self, root: &Path, only: &str) -> Result<Vec<Item>, SoakError> {
         let mut items = Vec::new();
         for Tests { package, executable, names } in &self.test {

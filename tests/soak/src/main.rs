@@ -1,5 +1,6 @@
-//! `cargo run --release -p soak` runs what `tests/soak.toml` names, one after the other and round after round, for as
-//! long as it is told. What fails is a finding and no refusal: the exit code says whether it could be run.
+//! `cargo run --release -p soak` runs what `tests/soak.toml` names, one after the other and round after round, for the
+//! duration given by `--for`. A failure is a finding and no error of the soak: its exit code shows only whether the
+//! tests could be run.
 
 mod list;
 mod results;

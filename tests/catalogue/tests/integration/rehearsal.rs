@@ -120,12 +120,12 @@ fn a_rehearsed_flight_begins_at_the_state_of_the_vehicle_and_follows_its_plan() 
 #[test]
 fn a_rehearsal_of_the_same_swap_says_the_same_to_the_last_bit() {
     let scenario = load("figure8-morph", &[]);
-    let told = || {
+    let rehearse = || {
         let spec = spec(&scenario, 9.1, Slot::Attitude, "attitude-lqr");
         serde_json::to_string(&verdict(spec, &mut || true)).unwrap()
     };
-    let first = told();
-    assert_eq!(first, told());
+    let first = rehearse();
+    assert_eq!(first, rehearse());
     let other = RehearsalSpec { swap: 2, ..spec(&scenario, 9.1, Slot::Attitude, "attitude-lqr") };
     let other = serde_json::to_string(&verdict(other, &mut || true)).unwrap();
     assert_ne!(first, other, "another swap draws other starts");
@@ -140,8 +140,8 @@ fn every_shipped_controller_may_replace_every_other() {
                     Override::controller(&format!("{}={owner}", slot.label())).unwrap();
                 let scenario = Scenario::load(flight, &[assignment]).unwrap();
                 for candidate in names_for(slot.role()) {
-                    let told = verdict(spec(&scenario, at_s, slot, candidate), &mut || true);
-                    assert!(told.accepted, "{flight}, {owner}: {}", told.words);
+                    let result = verdict(spec(&scenario, at_s, slot, candidate), &mut || true);
+                    assert!(result.accepted, "{flight}, {owner}: {}", result.words);
                 }
             }
         }
@@ -167,9 +167,9 @@ fn a_rehearsal_refuses_controllers_that_would_lose_the_vehicle() {
             if !fatal {
                 continue;
             }
-            let told = rehearsed(spec(&scenario, 2.0, slot, law), &entry);
-            assert!(!told.accepted, "{} {}: {}", slot.label(), entry.name(), told.words);
-            assert!(told.words.contains("after "), "{}", told.words);
+            let result = rehearsed(spec(&scenario, 2.0, slot, law), &entry);
+            assert!(!result.accepted, "{} {}: {}", slot.label(), entry.name(), result.words);
+            assert!(result.words.contains("after "), "{}", result.words);
         }
     }
 }
@@ -185,16 +185,20 @@ fn a_rehearsal_refuses_an_attitude_controller_that_ignores_trips() {
         let spec = spec(&scenario, 2.0, Slot::Attitude, env!("CARGO_BIN_EXE_catalogue"));
         verdict(RehearsalSpec { config: Some(config.clone()), ..spec }, &mut || true)
     };
-    let deaf = flown_with(Fault::IgnoresTrips);
-    assert!(matches!(deaf.refusal, Some(RehearsalRefusal::TripIgnored { .. })), "{}", deaf.words);
+    let bad = flown_with(Fault::IgnoresTrips);
+    assert!(matches!(bad.refusal, Some(RehearsalRefusal::TripIgnored { .. })), "{}", bad.words);
     let good = flown_with(Fault::Nothing);
     assert!(good.accepted, "{}", good.words);
 
     // The one that flies may be an executable too.
     let spec = spec(&scenario, 2.0, Slot::Attitude, "attitude-mpc");
     let owner = Some((env!("CARGO_BIN_EXE_catalogue").to_owned(), Some(config.clone())));
-    let told = verdict(RehearsalSpec { owner, ..spec }, &mut || true);
-    assert!(told.words.starts_with("attitude-mpc can fly in place of catalogue"), "{}", told.words);
+    let result = verdict(RehearsalSpec { owner, ..spec }, &mut || true);
+    assert!(
+        result.words.starts_with("attitude-mpc can fly in place of catalogue"),
+        "{}",
+        result.words
+    );
 }
 
 #[test]
@@ -214,10 +218,14 @@ fn a_rehearsal_that_runs_out_of_time_is_reported_as_not_rehearsed() {
         looks += 1;
         looks < 5
     };
-    let told = verdict(spec(&scenario, 2.0, Slot::Attitude, "attitude-lqr"), &mut go_on);
-    assert!(!told.accepted, "{}", told.words);
-    assert!(matches!(told.refusal, Some(RehearsalRefusal::NotRehearsed { .. })), "{}", told.words);
-    assert!(told.words.contains("not rehearsed") && told.words.contains("wall_max_s"));
+    let result = verdict(spec(&scenario, 2.0, Slot::Attitude, "attitude-lqr"), &mut go_on);
+    assert!(!result.accepted, "{}", result.words);
+    assert!(
+        matches!(result.refusal, Some(RehearsalRefusal::NotRehearsed { .. })),
+        "{}",
+        result.words
+    );
+    assert!(result.words.contains("not rehearsed") && result.words.contains("wall_max_s"));
 }
 
 #[test]
@@ -225,8 +233,12 @@ fn a_vehicle_under_the_actuation_guard_is_not_rehearsed() {
     let scenario = load("hover", &[]);
     let mut held = spec(&scenario, 2.0, Slot::Attitude, "attitude-lqr");
     held.snapshot.commanded = false;
-    let told = verdict(held, &mut || true);
-    assert!(matches!(told.refusal, Some(RehearsalRefusal::NotRehearsed { .. })), "{}", told.words);
+    let result = verdict(held, &mut || true);
+    assert!(
+        matches!(result.refusal, Some(RehearsalRefusal::NotRehearsed { .. })),
+        "{}",
+        result.words
+    );
 }
 
 #[test]

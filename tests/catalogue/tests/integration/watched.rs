@@ -78,7 +78,7 @@ fn what_begins_after_rehearsal_and_window_stays_within_half_a_metre() {
         assert!(flown.tripped_s.is_some() != is_silent || is_bearable, "{name}: {flown:?}");
         let is_taken_back = flown.outcome.starts_with("taken back: ");
         assert!(is_taken_back || is_bearable, "{name}: {flown:?}");
-        assert!(flown.untold.is_empty(), "{name}: {flown:?}");
+        assert!(flown.unreported.is_empty(), "{name}: {flown:?}");
     }
 }
 
@@ -166,7 +166,7 @@ fn a_pair_of_bad_controllers_is_taken_back_and_told_of_slot_by_slot() {
         println!("{name}: {flown:?}");
         assert!(flown.flipped && flown.recovered && flown.lost.is_none(), "{name}: {flown:?}");
         assert!(flown.excursion_m <= 0.5 && flown.tilt_deg <= 60.0, "{name}: {flown:?}");
-        assert!(flown.tripped_s.is_some() && flown.untold.is_empty(), "{name}: {flown:?}");
+        assert!(flown.tripped_s.is_some() && flown.unreported.is_empty(), "{name}: {flown:?}");
     }
 }
 
