@@ -289,7 +289,7 @@ fn a_process_that_hangs_neither_ends_nor_changes_the_flight_and_is_named() {
 
 /// A script that is no controller: its last lines on stderr are reported, whatever they are.
 #[test]
-fn the_last_words_of_an_executable_that_ends_are_told() {
+fn the_last_lines_on_stderr_of_an_executable_that_ends_are_reported() {
     let _alone = alone();
     let folder = TempDir::new().expect("a folder");
     for (text, how) in [

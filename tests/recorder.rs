@@ -161,7 +161,7 @@ fn a_killed_launcher_loses_less_than_a_tenth_of_a_second() {
 /// The file grows no further from some moment on, as on a full disk; then the launcher is killed, or the
 /// flight ends.
 #[test]
-fn a_disk_that_fills_leaves_a_readable_file_and_the_summary_says_what_it_lacks() {
+fn a_disk_that_fills_leaves_a_readable_file_and_a_summary_of_what_it_lacks() {
     for ending in [Signal::KILL, Signal::INT] {
         let mut running = in_realtime(&SLOWLY);
         let path = running.recording_path().expect("it records");

@@ -71,7 +71,7 @@ fn a_value_in_another_unit_or_of_another_type_is_refused_with_the_unit_in_the_ke
 }
 
 #[test]
-fn what_says_nothing_or_is_a_recording_is_no_scenario_and_the_remedy_is_named() {
+fn an_empty_file_or_a_recording_is_no_scenario_and_the_remedy_is_named() {
     for nothing in ["", "# all usual\n", "[scenario]\n[plant]\n"] {
         assert_file_refused(nothing, &["mine.toml", "no key", "help:", "`morphquad run hover`"]);
     }
@@ -324,7 +324,7 @@ fn an_unknown_service_does_not_start_and_names_the_known_ones() {
 }
 
 #[test]
-fn a_service_without_its_run_says_which_folder_is_missing() {
+fn a_service_without_its_run_names_the_folder_that_is_missing() {
     let output = morphquad(["proc", "estimator", "--run", "/dev/shm/mq-none"])
         .args(["--generation", "0", "--launcher-pid", &std::process::id().to_string()])
         .output()

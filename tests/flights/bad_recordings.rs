@@ -126,7 +126,7 @@ fn what_is_no_recording_is_refused_by_every_command_in_the_same_way() {
 
 /// Lengths that stand for more than there is, in every kind of record that has one.
 #[test]
-fn a_length_that_lies_fills_no_memory_and_stops_no_command_from_telling() {
+fn a_false_length_fills_no_memory_and_keeps_no_command_from_its_report() {
     let flown = fly(&["hover", "--for", "1s", "--in-process"]);
     let whole = fs::read(flown.recording_path()).expect("the recording");
     let folder = tempfile::tempdir().expect("a folder");
@@ -220,7 +220,7 @@ fn a_recording_cut_or_damaged_anywhere_is_read_so_far_or_refused_by_name() {
 
 /// What is recovered is read by every command, and reported as recovered.
 #[test]
-fn a_recovered_recording_is_opened_like_any_other_and_says_what_it_lacks() {
+fn a_recovered_recording_is_opened_like_any_other_and_lists_what_it_lacks() {
     let orders = ["--goto", "1,0,2@1s", "--morph", "120@1s,over=1s"];
     let flown = fly(&[&["figure8-morph", "--for", "6s"], &orders[..]].concat());
     let whole = fs::read(flown.recording_path()).expect("the recording");
@@ -258,7 +258,7 @@ fn a_recovered_recording_is_opened_like_any_other_and_says_what_it_lacks() {
 
 /// What lies behind damage is not lost; only the commands that would fly it again refuse it.
 #[test]
-fn around_damage_everything_is_recovered_and_readers_say_that_there_are_holes() {
+fn around_damage_everything_is_recovered_and_readers_report_the_holes() {
     let flown = fly(&["figure8-morph", "--for", "4s"]);
     let mut bytes = fs::read(flown.recording_path()).expect("the recording");
     // Many bytes: one may decode to the same samples.

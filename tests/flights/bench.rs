@@ -173,7 +173,7 @@ fn the_loops_and_paths_of_a_flight_are_measured_beside_their_floor() {
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused_and_said() {
+fn what_cannot_be_measured_is_refused_with_the_reason() {
     for (arguments, code, named) in [
         (&["hop", "--cpus", "999"][..], 2, "999"),
         (&["hop", "--cpus", "zero"], 2, "zero"),

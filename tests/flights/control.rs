@@ -102,7 +102,7 @@ fn assert_every_process_is_shown(arguments: &[&str]) {
 }
 
 #[test]
-fn ps_shows_every_process_as_the_system_does_and_who_owns_the_slots() {
+fn ps_shows_every_process_as_the_system_does_and_the_owners_of_the_slots() {
     assert_every_process_is_shown(&LOCKSTEP);
 }
 
@@ -130,7 +130,7 @@ fn a_restarted_process_is_shown_with_its_new_number_and_generation() {
 }
 
 #[test]
-fn a_run_that_is_not_there_or_not_named_ends_with_2_and_says_which_there_are() {
+fn a_run_that_is_not_there_or_not_named_ends_with_2_and_lists_which_there_are() {
     let unknown = run_command(&["ps", "--run", "no-such-run"]);
     assert_eq!((unknown.code, unknown.out.as_str()), (Some(2), ""));
     assert!(

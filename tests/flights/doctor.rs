@@ -50,7 +50,7 @@ fn a_folder_in_which_no_user_can_record_makes_the_machine_unfit() {
 }
 
 #[test]
-fn what_dead_runs_have_left_is_told_first_and_removed_only_if_asked_for() {
+fn what_dead_runs_have_left_is_listed_first_and_removed_only_if_asked_for() {
     let object = format!("/dev/shm/mqshm-dead{:x}_left", std::process::id());
     let object = Path::new(&object);
     let file = fs::File::create(object).expect("shared memory");

@@ -173,7 +173,7 @@ fn all_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
 }
 
 #[test]
-fn a_process_told_to_terminate_is_restarted_and_leaves_no_trace() {
+fn a_process_that_got_sigterm_is_restarted_and_leaves_no_trace() {
     let flown = fly_and_strike(&[], &["attitude-mpc"], Signal::TERM, 11);
     assert_recovered(&flown, "attitude-mpc", "exit status 130");
     assert_eq!(flown.hash(), undisturbed_hash(), "{}", flown.output_text());

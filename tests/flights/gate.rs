@@ -89,7 +89,7 @@ fn owner(run: &Running) -> String {
 }
 
 #[test]
-fn a_standby_of_another_kind_shadows_takes_over_when_asked_and_goes_back_when_told() {
+fn a_standby_of_another_kind_shadows_takes_over_and_goes_back_when_ordered() {
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "15"]);
     let standby = ["standby", "attitude", "attitude-lqr", "--shadow", "20s"];
     let (code, output_text) = run_command(&standby, &running);

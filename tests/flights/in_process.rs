@@ -35,7 +35,7 @@ fn every_shipped_scenario_has_the_same_summary_hash_and_recording_as_with_proces
 
 /// Each of the two comes while the other one's record is still to be written.
 #[test]
-fn two_slots_that_are_swapped_at_one_instant_hear_one_another() {
+fn two_slots_that_are_swapped_at_one_instant_receive_one_another() {
     let arguments = ["hover", "--for", "2s", "--no-record", "--set", "rehearsal.enabled=false"];
     let attitude = ["--swap", "attitude=attitude-pid@300ms,shadow=300ms,rollback=300ms"];
     let position = ["--swap", "position=position-pid@300ms,shadow=600ms,rollback=300ms"];

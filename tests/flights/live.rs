@@ -27,7 +27,7 @@ fn viewers_that_stall_or_order_nothing_leave_the_flight_as_it_is_unseen() {
         .map(|_| {
             let mut stream = TcpStream::connect(&live.page).expect("the page listens");
             let ask = format!("GET /flight HTTP/1.1\r\nHost: {}\r\n\r\n", live.page);
-            stream.write_all(ask.repeat(20).as_bytes()).expect("it hears");
+            stream.write_all(ask.repeat(20).as_bytes()).expect("it reads");
             stream
         })
         .collect();
@@ -115,7 +115,7 @@ fn a_demo_refuses_a_bad_controller_shows_why_and_survives_the_death_of_a_good_on
     let (code, body) = live.order(&live.token, r#"{"request":"stop"}"#);
     assert_eq!(code, 200, "{body}");
     let ended = live.child.wait().expect("it ends");
-    let stderr = stderr.join().expect("its words");
+    let stderr = stderr.join().expect("its output");
     assert_eq!(ended.code(), Some(130), "{stderr}");
     let recordings = std::fs::read_dir(folder.path().join("recordings")).expect("a folder");
     assert_eq!(recordings.count(), 1);
@@ -159,7 +159,7 @@ fn a_page_gets_everything_then_what_is_new_and_at_last_the_end() {
     });
     assert!(kill(running.launcher_pid(), Signal::INT));
     let mut last = Value::Null;
-    wait_until("the end is told", || {
+    wait_until("the end is reported", || {
         // Without what is known by now.
         last = live.flight("?since_s=1e9");
         last["is_over"] == true
@@ -211,7 +211,7 @@ fn a_client_that_has_the_token_orders_and_no_other() {
         (&json!("done"), &json!("swapped")),
         "{swapped}"
     );
-    wait_until("the new owner is told", || {
+    wait_until("the new owner is reported", || {
         let owner = &live.flight("?since_s=0")["status"]["slots"][0]["owner"];
         owner.as_str().is_some_and(|owner| owner.starts_with("attitude-lqr"))
     });
@@ -264,7 +264,7 @@ fn a_live_run_has_the_pace_of_the_clock_and_the_hash_of_any_other() {
 }
 
 #[test]
-fn a_live_run_is_as_fast_as_can_be_only_if_told_so_and_says_what_comes_of_it() {
+fn a_live_run_is_as_fast_as_can_be_only_if_asked_and_prints_what_follows() {
     let fast = ["--live=localhost:0", "--no-open", "--speed", "max"];
     let flown = fly(&[&["hover", "--for", "60s"][..], &fast].concat());
     flown.assert_clean();
@@ -322,7 +322,7 @@ fn a_browser_is_started_with_an_address_that_is_of_no_use_to_another_user() {
     }
     assert_eq!(live.order(&token, r#"{"request":"stop"}"#).0, 200);
     live.child.wait().expect("it ends");
-    stderr.join().expect("its words");
+    stderr.join().expect("its output");
 }
 
 #[test]
@@ -333,11 +333,11 @@ fn a_stop_that_comes_before_the_flight_has_started_is_answered() {
     // Its address is printed before its processes are started.
     assert_eq!(live.order(&live.token, r#"{"request":"stop"}"#).0, 200);
     assert_eq!(live.child.wait().expect("it ends").code(), Some(130));
-    stderr.join().expect("its words");
+    stderr.join().expect("its output");
 }
 
 #[test]
-fn a_page_on_all_addresses_is_found_from_elsewhere_and_a_missing_browser_is_told() {
+fn a_page_on_all_addresses_is_found_and_a_missing_browser_is_reported() {
     let mut run = morphquad(["run", "hover", "--for", "1s", "--no-record", "--live=0.0.0.0:0"]);
     // A screen, and nothing that could open a browser on it.
     let folder = nearly_empty_path();

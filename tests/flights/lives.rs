@@ -152,7 +152,7 @@ fn commands_of_owner_and_fallback_that_are_late_together_are_verified() {
 }
 
 #[test]
-fn whom_a_replay_is_about_can_be_said_by_role_name_and_seat() {
+fn what_a_replay_is_about_can_be_given_by_role_name_and_seat() {
     let flown = fly(SWAPS);
     let attitude = ["attitude-mpc@0", "attitude-mpc@1", "attitude-pid@0"];
     assert_eq!(verified(&flown, &["attitude"]), attitude);
@@ -183,7 +183,7 @@ fn whom_a_replay_is_about_can_be_said_by_role_name_and_seat() {
 }
 
 #[test]
-fn a_changed_bit_in_what_a_shadow_said_is_found_with_its_name() {
+fn a_changed_bit_in_an_output_of_a_shadow_is_found_with_its_name() {
     let flown = fly(SWAPS);
     let folder = TempDir::new().expect("a folder");
     let copy = folder.path().join("copy.mcap");

@@ -92,7 +92,7 @@ fn a_trajectory_from_a_file_is_flown_as_given_verified_and_left_by_an_order() {
 }
 
 #[test]
-fn a_led_flight_is_smooth_clean_and_where_it_was_told_to_be() {
+fn a_led_flight_is_smooth_clean_and_where_it_was_ordered_to_be() {
     let flown = led(&[]);
     flown.assert_clean();
     let rows = references(&flown);
@@ -281,7 +281,7 @@ fn an_order_by_hand_to_a_run_that_is_adopted_still_holds() {
         .spawn()
         .expect("the executable starts");
     let there_s = went["done_s"].as_f64().expect("an instant") + 0.1;
-    let diagnostics = || std::fs::read_to_string(&log).expect("its words");
+    let diagnostics = || std::fs::read_to_string(&log).expect("its output");
     wait_until_flown(&run, adopter.id(), there_s, diagnostics);
     // On a busy machine that is so at once, before the pilot that it has started has published anything.
     wait_until("a reference of the next pilot", || {

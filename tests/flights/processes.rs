@@ -200,7 +200,7 @@ fn flown_at_a_terminal(arguments: &str, key: u8, then: &str) -> String {
         files.any(|file| file.metadata().is_ok_and(|file| file.len() > 1_000_000))
     };
     wait_until("it flies", recorded);
-    terminal.stdin.as_mut().expect("a keyboard").write_all(&[key]).expect("it hears");
+    terminal.stdin.as_mut().expect("a keyboard").write_all(&[key]).expect("it reads");
     let stdout = terminal.wait_with_output().expect("it ends").stdout;
     String::from_utf8_lossy(&stdout).into_owned()
 }

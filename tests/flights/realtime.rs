@@ -91,7 +91,7 @@ fn a_realtime_flight_flown_in_one_process_by_its_recorded_time_is_the_same_fligh
 /// What a loop bears in simulated time it bears by the wall clock, and a fifth more it does not.
 #[test]
 #[ignore = "soak: a machine that keeps a loop waiting takes from what it bears"]
-fn a_loop_bears_as_long_steps_by_the_wall_clock_as_the_study_of_timing_says() {
+fn a_loop_bears_as_long_steps_by_the_wall_clock_as_the_study_of_timing_finds() {
     let output = morphquad(["study", "timing", "--format", "json"]).output().expect("it starts");
     let study: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     for role in ["attitude", "position"] {

@@ -51,7 +51,7 @@ fn the_latest_recording_and_the_beginning_of_a_name_stand_for_a_file() {
 }
 
 #[test]
-fn a_command_that_is_told_can_be_copied_into_a_shell() {
+fn a_command_that_is_printed_can_be_copied_into_a_shell() {
     let folder = TempDir::new().expect("a folder");
     let flown = morphquad(["run", "hover", "--for", "300ms", "--in-process", "--seed", "2"])
         .args(["--set", "scenario.name=\"mine\"", "--record", "sp ace", "--name", "one"])

@@ -282,7 +282,7 @@ fn a_stranger_that_forges_commands_states_and_records_changes_no_bit_and_is_name
 }
 
 #[test]
-fn services_that_another_program_removes_in_flight_are_put_back_and_told() {
+fn services_that_another_program_removes_in_flight_are_put_back_and_reported() {
     // Whatever joins or is started again opens most of them anew.
     let scenario = ["hover", "--for", "3s", "--fault", "kill:estimator@2s"];
     let expected = fly_released(&scenario, "1s");

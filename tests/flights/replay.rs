@@ -304,7 +304,7 @@ fn a_recording_of_a_killed_launcher_is_verified_up_to_the_cut() {
 }
 
 #[test]
-fn a_branch_flown_with_a_change_says_that_it_is_one_and_is_not_verified_as_a_flight() {
+fn a_branch_flown_with_a_change_is_marked_as_one_and_not_verified_as_a_flight() {
     let flown = fly(&["hover", "--in-process", "--for", "1s"]);
     let folder = TempDir::new().expect("a folder");
     let record = ["--record", folder.path().to_str().expect("a path")];

@@ -77,7 +77,7 @@ fn the_command_that_a_report_names_flies_the_same_flight_again() {
 }
 
 #[test]
-fn a_cut_file_fails_and_says_where_and_a_folder_is_judged_as_a_whole() {
+fn a_cut_file_fails_and_shows_where_and_a_folder_is_judged_as_a_whole() {
     let flown = fly(&["hover", "--for", "2s"]);
     let folder = tempfile::tempdir().expect("a folder");
     let whole = fs::read(flown.recording_path()).expect("the recording");

@@ -66,7 +66,7 @@ fn a_script_that_takes_no_time_changes_no_bit() {
 /// 100 Hz, and steps of 12 ms from 5.0 s on: the loop falls behind by 2 ms in each, and at 5.06 s the release of 5.05 s
 /// and that of 5.06 s have both passed.
 #[test]
-fn each_miss_policy_does_with_an_overrun_what_it_says() {
+fn each_miss_policy_does_with_an_overrun_what_it_promises() {
     for (policy, skipped, late) in [
         ("skip", Some((1, 5.06, 5.06)), 10),
         // It runs the release that is a whole period behind too, and the two after the window late.

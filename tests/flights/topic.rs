@@ -73,7 +73,7 @@ fn a_recording_is_listed_echoed_and_counted_as_an_independent_reader_sees_it() {
 }
 
 #[test]
-fn what_was_told_in_words_is_shown_with_its_instant() {
+fn events_are_shown_with_their_instants() {
     let flown = fly(&["hover", "--for", "2s", "--fault", "kill:estimator@1s"]);
     let path = flown.recording_path();
     let file = path.to_str().expect("text");
@@ -188,7 +188,7 @@ fn tables_hold_every_sample_in_both_forms() {
 }
 
 #[test]
-fn a_running_flight_is_heard_and_has_the_hash_that_it_has_unheard() {
+fn a_running_flight_has_the_same_hash_with_a_listener_and_without() {
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "2"]);
     let run = ["--run", running.id()];
     // Topic by topic as they are drained: on a busy machine many of one come first.
@@ -243,7 +243,7 @@ fn a_running_flight_is_heard_and_has_the_hash_that_it_has_unheard() {
 }
 
 #[test]
-fn one_look_at_a_run_tells_of_every_loop_in_text_and_json() {
+fn one_look_at_a_run_shows_every_loop_in_text_and_json() {
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "2"]);
     let top = |arguments: &[&str]| {
         let command = [&["top", "--once", "--run", running.id()], arguments].concat();

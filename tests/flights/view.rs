@@ -82,7 +82,7 @@ fn the_page_holds_what_the_recording_has_and_loads_nothing() {
 }
 
 #[test]
-fn a_cut_file_is_shown_as_far_as_it_goes_and_says_so() {
+fn a_cut_file_is_shown_as_far_as_it_goes_and_marked_as_cut() {
     let flown = fly(&["hover", "--for", "3s"]);
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = fs::read(flown.recording_path()).expect("the recording");
@@ -125,7 +125,7 @@ fn what_is_no_recording_is_named_with_the_remedy_and_gets_no_page() {
 }
 
 #[test]
-fn who_names_no_flight_is_told_which_there_are() {
+fn a_command_that_names_no_flight_lists_which_there_are() {
     let folder = tempfile::tempdir().expect("a folder");
     let recordings = folder.path().join("recordings");
     fs::create_dir(&recordings).expect("room");
@@ -153,7 +153,7 @@ fn who_names_no_flight_is_told_which_there_are() {
 }
 
 #[test]
-fn the_page_is_served_to_this_machine_alone_until_it_is_told_to_stop() {
+fn the_page_is_served_to_this_machine_alone_until_it_is_stopped() {
     let flown = fly(&["hover", "--for", "1s"]);
     let taken = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let port = taken.local_addr().expect("an address").port();

@@ -69,7 +69,7 @@ fn the_page_of_the_verdict_explains_every_limit_that_a_scenario_can_set() {
 }
 
 #[test]
-fn the_table_of_what_is_told_of_a_flight_is_the_one_of_the_code() {
+fn the_table_of_the_numbers_of_a_flight_is_the_one_of_the_code() {
     let row = |fact: &Fact| {
         let unit = if fact.key.ends_with("_share") { "1" } else { fact.unit.symbol() };
         let check = fact.check.map_or_else(String::new, |key| format!("`{key}`"));
@@ -144,7 +144,7 @@ fn path_of_test(source: &Path, name: &str) -> (String, String) {
 }
 
 #[test]
-fn every_test_that_is_ignored_says_why_and_is_listed_for_the_soak() {
+fn every_test_that_is_ignored_has_a_reason_and_is_listed_for_the_soak() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let (mark, reason) = (["#[", "ignore"].concat(), " = \"soak: ");
     let mut ignored = BTreeSet::new();

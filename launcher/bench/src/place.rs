@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_policy_that_is_not_granted_is_fallen_back_from_and_said_to_be() {
+    fn a_policy_that_is_not_granted_falls_back_to_another_and_is_reported() {
         let place = Place::granted(Policy::Fifo, 10, vec![0], |_| false);
         assert_eq!((place.policy, place.fifo()), (Policy::Other, None));
         assert!(place.fell_back.is_some_and(|text| text.contains("ulimit -r")));

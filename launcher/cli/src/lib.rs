@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn check_says_who_flies_and_refuses_who_cannot_with_those_who_can() {
+    fn check_names_the_controllers_and_refuses_unfit_ones_with_those_that_fit() {
         let (code, out, _) =
             morphquad("check hover --controller attitude=attitude-pid,position=position-pid");
         assert_eq!(code, exit::PASS);

@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn every_command_says_what_it_does_and_shows_an_example() {
+    fn every_command_describes_what_it_does_and_shows_an_example() {
         let mut all = Vec::new();
         commands(&Cli::command(), "morphquad", &mut all);
         assert!(all.len() > 20);

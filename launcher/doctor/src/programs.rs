@@ -109,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_executable_that_says_something_else_has_no_layout() {
+    fn an_executable_that_prints_something_else_has_no_layout() {
         assert_eq!(layout_of(Path::new("/bin/echo")), None);
         assert_eq!(layout_of(Path::new("/no/such/executable")), None);
     }

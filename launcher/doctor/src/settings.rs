@@ -250,13 +250,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_machine_that_tells_nothing_is_examined_all_the_same() {
+    fn a_machine_that_shows_nothing_is_examined_all_the_same() {
         let (_folder, machine) = machine(&[]);
         assert!(checks(&machine).len() >= 20);
     }
 
     #[test]
-    fn each_setting_is_judged_by_what_its_file_says() {
+    fn each_setting_is_judged_by_the_content_of_its_file() {
         use Verdict::{Fail, Ok, Warn};
         let governor_file = "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor";
         let cases: [(Check, &str, &str, Verdict); 18] = [

@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn what_needs_no_right_is_granted_and_told() {
+    fn what_needs_no_right_is_granted_and_reported() {
         let set = ["realtime.policy=other", "realtime.lock_memory=false", "realtime.strict=true"];
         let grants = ask(&set).unwrap();
         let text = grants.granted().unwrap();
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_that_is_lacking_is_told_once() {
+    fn everything_that_is_lacking_is_reported_once() {
         let lacking = vec![Shortfall::Memory, Shortfall::Fifo(13)];
         let grants = Grants { setups: Vec::new(), lacking };
         let text = grants.lacking().unwrap();

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_successor_that_never_says_a_word_is_blamed_when_the_flight_has_long_been_over() {
+    fn a_successor_that_never_publishes_is_blamed_when_the_flight_has_long_been_over() {
         let blamed =
             |now_ms| blamed(3000, 1, &[(Role::Plant, u64::MAX), (Role::Position, 0)], now_ms);
         assert_eq!(blamed(4900), []);

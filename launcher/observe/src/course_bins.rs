@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lasts_for_a_second_is_its_mean_and_what_is_shorter_is_not_told() {
+    fn what_lasts_for_a_second_is_its_mean_and_what_is_shorter_is_left_out() {
         let mut short = errors(|_| 0.2, 900);
         short.settle(u64::MAX, &|_| false);
         assert!(short.tracking(0.2).unwrap().sustained_m.abs() < 1e-12);

@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_is_told_in_its_unit_and_what_is_none_is_null() {
+    fn a_number_is_printed_in_its_unit_and_what_is_none_is_null() {
         let fact = |key: &str| FACTS.iter().find(|fact| fact.key == key).expect("a fact");
         let (error, steps) = (fact("position_max_m"), fact("relaxed_steps"));
         assert_eq!(

@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_writer_has_said_while_it_did_not_count_is_no_miss() {
+    fn what_a_writer_published_while_it_did_not_count_is_no_miss() {
         let mut log = MissLog::default();
         let lost = deviation(DeviationKind::LostSamples, 500, 7, 57);
         log.observe(&Deviation { due_ns: 500_000_000, ..lost }, false);
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_that_goes_on_missing_is_told_of_ever_more_rarely_with_what_is_new() {
+    fn a_place_that_goes_on_missing_is_reported_ever_more_rarely_with_what_is_new() {
         let mut log = MissLog::default();
         for second in 1..=16 {
             log.observe(&deviation(DeviationKind::LateSamples, second * 1000, 7, 7), false);

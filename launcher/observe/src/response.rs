@@ -83,7 +83,7 @@ mod tests {
     use vehicle::quaternion_from_euler;
 
     #[test]
-    fn an_exponential_answer_settles_when_the_exponential_says() {
+    fn an_exponential_answer_settles_when_the_exponential_does() {
         let mut response = StepResponse::default();
         let setpoint = |t_ms: u64, roll_rad: f64| {
             let mut sample = AttitudeSetpoint { roll_rad, ..AttitudeSetpoint::default() };
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_that_never_settles_says_so() {
+    fn an_answer_that_never_settles_is_reported_as_such() {
         let mut response = StepResponse::default();
         let mut setpoint = AttitudeSetpoint::default();
         response.observe_setpoint(&setpoint);

@@ -93,7 +93,7 @@ mod tests {
     use std::sync::{Arc, Mutex};
 
     #[test]
-    fn a_slow_disk_is_never_waited_for_and_the_last_word_is_kept() {
+    fn a_slow_disk_is_never_waited_for_and_the_last_message_is_kept() {
         let (let_go, gate) = channel();
         let synced = Arc::new(Mutex::new(0));
         let (counts, gate) = (Arc::clone(&synced), Mutex::new(gate));
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_disk_refuses_is_told_and_what_is_no_disk_is_left_alone() {
+    fn what_the_disk_refuses_is_reported_and_what_is_no_disk_is_left_alone() {
         for (kind, is_reported) in
             [(io::ErrorKind::StorageFull, true), (io::ErrorKind::InvalidInput, false)]
         {

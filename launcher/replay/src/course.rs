@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn who_joined_in_the_middle_of_what_it_left_out_leaves_out_the_rest() {
+    fn a_loop_that_joined_in_the_middle_of_what_it_left_out_leaves_out_the_rest() {
         let kind = DeviationKind::SkippedReleases;
         let skip = |first, last| Deviation { kind, first, last, ..Deviation::default() };
         let course = Course::new(Rate::from_hz(100.0).unwrap(), &[skip(171, 218), skip(250, 250)]);

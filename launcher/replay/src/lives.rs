@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn a_writer_had_gone_if_that_is_told_before_anything_is_heard_of_its_successor() {
+    fn a_writer_had_gone_if_that_is_reported_before_its_successor_is() {
         const BEGAN: DeviationKind = DeviationKind::Began;
         const ENDED: DeviationKind = DeviationKind::Ended;
         let gone = [deviation(BEGAN, 1, 0, 0), deviation(ENDED, 1, 0, 132)];

@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn runs_are_paired_by_sequence_and_gaps_are_told() {
+    fn runs_are_paired_by_sequence_and_gaps_are_reported() {
         let listed = |recorded: &[u64], again: &[u64]| {
             let shown = |pair: Pair<'_, u64>| match pair {
                 Pair::Both(old, new) => format!("{old}={new}"),

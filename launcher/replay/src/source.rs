@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn a_killed_loop_had_heard_nothing_of_the_successor_of_what_it_followed() {
+    fn a_killed_loop_had_received_nothing_of_the_successor_of_what_it_followed() {
         let now_ns = Rc::new(Cell::new(8 * MS));
         let sample = |sequence, generation| {
             let Imu { header, .. } = imu(sequence);
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn a_writer_that_had_left_when_the_process_joined_is_heard_if_that_is_told() {
+    fn a_writer_that_had_left_when_the_process_joined_is_read_if_that_is_reported() {
         let slot = &topics::WRENCH_COMMAND.info;
         let sample = |seat, sequence, valid_ms| {
             let header = Header {
@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn a_writer_that_was_late_when_the_process_joined_had_kept_what_it_had_said_by_then() {
+    fn a_writer_that_was_late_when_the_process_joined_had_kept_its_history_by_then() {
         let topic = &topics::IMU.info;
         let history = topic.history as u64;
         let of = |release_ms: u64| {
@@ -417,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn a_writer_that_was_killed_before_its_words_reached_the_process_is_not_heard() {
+    fn a_writer_that_was_killed_before_its_samples_reached_the_process_is_left_out() {
         let slot = &topics::WRENCH_COMMAND.info;
         let sample = |generation, sequence| {
             let header = Header { generation, sequence, valid_ns: MS, ..Header::default() };
@@ -480,7 +480,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_writer_says_for_instants_before_it_had_its_seat_does_not_count() {
+    fn what_a_writer_publishes_for_instants_before_it_had_its_seat_does_not_count() {
         let slot = &topics::WRENCH_COMMAND.info;
         let sample = |sequence| {
             let header =
@@ -509,7 +509,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_writer_had_said_before_it_was_first_heard_never_arrived() {
+    fn what_a_writer_published_before_its_first_sample_was_read_never_arrived() {
         let began = Deviation { last: 3, ..deviation(DeviationKind::Began, 3, 3, 3) };
         let expected: Vec<_> =
             (1..=8).map(|sequence| if sequence < 3 { vec![] } else { vec![sequence] }).collect();

@@ -185,7 +185,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_short_is_told_with_what_bounds_it() {
+    fn what_is_short_is_reported_with_what_bounds_it() {
         let need = MemoryNeed { shared_mb: 160, own_mb: 40 };
         let left = |mb| Some(Available { mb, by: PathBuf::from("/memory.max") });
         assert_eq!(need.is_met(None, None, 0), Ok(()));

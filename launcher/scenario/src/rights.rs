@@ -58,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_scenario_says_of_one_loop_holds_for_it_alone() {
+    fn what_the_scenario_sets_for_one_loop_holds_for_it_alone() {
         let set = ["realtime.cpus=[0]", "realtime.plant.cpus=[1]", "realtime.plant.priority=77"];
         let claims = claims_of(&set);
         assert_eq!(of(&claims, Role::Plant).cpus, [1]);

@@ -211,7 +211,7 @@ fn text_that_is_no_toml_is_refused_at_its_line() {
 }
 
 #[test]
-fn a_missing_file_and_an_unknown_name_say_what_there_is() {
+fn a_missing_file_and_an_unknown_name_are_answered_with_what_there_is() {
     let missing = overridden("nowhere/flight.toml", &[]);
     assert_eq!(missing.key(), "nowhere/flight.toml");
     assert!(missing.remedy().contains("figure8-morph"));
@@ -244,7 +244,7 @@ fn an_override_at_fault_is_named_with_its_flag() {
 }
 
 #[test]
-fn an_executable_as_the_first_controller_is_told_how_it_takes_its_slot() {
+fn an_executable_as_the_first_controller_gets_how_it_takes_its_slot() {
     let refused = Override::controller("attitude=./my_controller.py").unwrap_err();
     let problem = refused.problems().next().unwrap();
     let (remedy, swap) = (problem.remedy(), "attitude=./my_controller.py@1s");
@@ -473,7 +473,7 @@ fn an_unproven_owner_is_held_to_the_laws_of_its_slot_unless_those_may_ask_for_mo
 }
 
 #[test]
-fn a_vehicle_that_its_rotors_or_its_bounds_cannot_carry_is_told_before_it_flies() {
+fn a_vehicle_that_its_rotors_or_its_bounds_cannot_carry_is_found_before_it_flies() {
     let weak = "[vehicle]\nrotor_thrust_max_n = 0.3\n";
     assert_at(&problem(weak), 2, "vehicle.rotor_thrust_max_n", "0.309 N or more");
     let heavy = Scenario::from_text("heavy.toml", "[plant.mismatch]\nmass_scale = 1.75\n", &[]);
@@ -482,7 +482,7 @@ fn a_vehicle_that_its_rotors_or_its_bounds_cannot_carry_is_told_before_it_flies(
 }
 
 #[test]
-fn a_look_beyond_the_told_reference_is_told_with_the_spacing_that_suffices() {
+fn a_look_beyond_the_known_reference_is_reported_with_a_spacing_that_suffices() {
     let far = "[position_mpc]\nprediction_horizon = 200\n";
     let far = Scenario::from_text("far.toml", far, &[]).unwrap();
     let warnings = format!("{:?}", far.warnings());

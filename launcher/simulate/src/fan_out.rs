@@ -51,7 +51,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_come_in_the_order_of_the_items_and_each_is_told() {
+    fn results_come_in_the_order_of_the_items_and_each_is_reported() {
         let done = AtomicUsize::new(0);
         let items: Vec<u64> = (0..500).collect();
         let count = || {

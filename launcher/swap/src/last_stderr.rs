@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn all_that_is_in_the_pipe_is_told_although_its_other_end_stays_open() {
+    fn all_that_is_in_the_pipe_is_read_although_its_other_end_stays_open() {
         let (stderr, mut writer) = pipe();
         writer.write_all(b"one\ntwo\nhalf a li").expect("room");
         assert_eq!(stderr.complete(), "one\ntwo\nhalf a li");

@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_terminal_does_not_take_is_counted_and_told_once_it_does() {
+    fn what_a_terminal_does_not_take_is_counted_and_reported_once_it_does() {
         let (shown, seen) = channel();
         let mut is_stopped = true;
         let mut relay = relayed("law", move |text: &str| {

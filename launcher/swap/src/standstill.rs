@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_who_could_run_has_an_excuse() {
+    fn only_a_runnable_process_has_an_excuse() {
         let stat =
             |state| format!("7 (a b) c) {state} 1 7 7 0 -1 4194560 99 0 0 0 150 25 0 0 20 0");
         assert_eq!(ticks_of_runnable(&stat("R")), Some(175));
@@ -51,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_gone_needs_no_second_look() {
+    fn a_process_that_has_gone_needs_no_second_look() {
         assert!(Standstill::is_hang(&mut None, u32::MAX, 0));
     }
 }

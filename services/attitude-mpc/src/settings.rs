@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn laguerre_functions_are_told_by_pole_or_number() {
+    fn laguerre_functions_are_given_by_pole_or_number() {
         let config = settings("laguerre_pole = [0.5, 0.5, 0.8]").law_config(AROUND).unwrap();
         let basis = [0.5, 0.5, 0.8].map(|pole| Basis::Laguerre { pole, terms: 3 });
         assert_eq!(config.laguerre, Some(basis));

@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_silenced_script_is_calm_and_goes_on_where_it_would_be_when_it_is_heard_again() {
+    fn a_silenced_script_is_calm_and_goes_on_where_it_would_be_when_it_is_resumed() {
         let config: InjectorConfig = toml::from_str(
             "[[script]]\nkind = 'wind'\nmean_w_m_s = [1.0, 0.0, 0.0]\nsigma_m_s = [1.0, 1.0, 1.0]",
         )

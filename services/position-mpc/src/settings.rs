@@ -271,7 +271,7 @@ mod tests {
 
     /// Compares the reference of scenarios with the configuration that flies.
     #[test]
-    fn the_words_for_keys_that_are_left_out_name_the_numbers_that_fly() {
+    fn the_notes_on_keys_that_are_left_out_name_the_numbers_that_fly() {
         let schema = schemars::schema_for!(Settings);
         let flown = PositionLawConfig::flight(50.0);
         let look_ahead_s = flown.horizon.prediction as f64 / flown.rate_hz;

@@ -37,7 +37,7 @@ mod tests {
     use vehicle::quaternion_from_euler;
 
     #[test]
-    fn a_set_point_accelerates_as_the_input_says_at_every_heading() {
+    fn a_set_point_accelerates_by_the_input_at_every_heading() {
         for degrees in (-180..=180).step_by(15) {
             let psi = f64::from(degrees).to_radians();
             let u = Vector3::new(0.3, -0.25, 1.2);

@@ -328,7 +328,7 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
     let is_unreported = !flown.unreported.is_empty();
     if is_refused || is_unreported || case.guard != Guard::None && hurts {
         println!(
-            "{} {name} {} seed {} {}: {}, {:.2} m, {:.0} deg, trip {:?}; untold {:?}; {}",
+            "{} {name} {} seed {} {}: {}, {:.2} m, {:.0} deg, trip {:?}; unreported {:?}; {}",
             case.slot.label(),
             case.situation.name,
             case.seed,

@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn each_fault_changes_the_command_as_its_name_says() {
+    fn each_fault_changes_the_command_by_its_name() {
         let still = Seen::default();
         assert_eq!(spoiled(Fault::Nothing, 0, 0.0, still), COMMAND);
         assert_eq!(spoiled(Fault::WrongSign, 1, 0.0, still), [1.1, -0.01, -0.02, 0.003]);

@@ -96,7 +96,7 @@ impl Live {
     pub(super) fn ask(&self, request: &str) -> (u16, String) {
         let mut stream = TcpStream::connect(&self.page).expect("the page listens");
         stream.set_read_timeout(Some(Duration::from_secs(30))).expect("a socket");
-        stream.write_all(request.as_bytes()).expect("it hears");
+        stream.write_all(request.as_bytes()).expect("it reads");
         let mut answer = String::new();
         stream.read_to_string(&mut answer).expect("it answers");
         let code = answer.split(' ').nth(1).and_then(|code| code.parse().ok());
@@ -137,7 +137,7 @@ pub(super) fn stalling_viewer(socket: &str) -> TcpStream {
          Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\
          Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
     );
-    stream.write_all(hello.as_bytes()).expect("it hears");
+    stream.write_all(hello.as_bytes()).expect("it reads");
     let mut head = Vec::new();
     let mut byte = [0];
     while !head.ends_with(b"\r\n\r\n") {
@@ -154,7 +154,7 @@ pub(super) fn stalling_viewer(socket: &str) -> TcpStream {
     let length = u16::try_from(text.len()).expect("short").to_be_bytes();
     // Final text frame, masked with zeros.
     let frame = [&[0x81, 0xfe][..], &length, &[0; 4], text.as_bytes()].concat();
-    stream.write_all(&frame).expect("it hears");
+    stream.write_all(&frame).expect("it reads");
     stream
 }
 

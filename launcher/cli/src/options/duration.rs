@@ -21,7 +21,7 @@ mod tests {
     use super::duration;
 
     #[test]
-    fn what_is_wrong_with_a_duration_is_said_with_an_example() {
+    fn what_is_wrong_with_a_duration_is_reported_with_an_example() {
         assert_eq!(duration("1m 30s").map(|d| d.as_secs_f64()), Ok(90.0));
         for (text, reason) in [
             ("-3s", "must not be negative"),

@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn the_command_of_a_case_tells_the_time_that_its_loops_take() {
+    fn the_command_of_a_case_has_the_time_that_its_loops_take() {
         let text = "[[timing]]\nloop = \"attitude\"\nstep_s = 0.001\n".to_owned();
         let base = Base { name: "late.toml".into(), text, set: Vec::new() };
         let axis = Axis { key: "timing.0.step_s".into(), values: vec!["0.012".into()] };

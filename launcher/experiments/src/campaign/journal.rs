@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn another_build_another_writer_and_damage_are_told() {
+    fn another_build_another_writer_and_damage_are_reported() {
         let scratch = tempfile::tempdir().unwrap();
         let mut journal = open(scratch.path()).unwrap();
         journal.add("one", &outcome("one")).unwrap();

@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flight_that_is_told_to_stop_has_no_outcome() {
+    fn a_flight_that_is_stopped_has_no_outcome() {
         let scenario = Scenario::load("hover", &[]).unwrap();
         assert_eq!(fly(&scenario, &|| true), None);
     }

@@ -65,7 +65,7 @@ fn the_owner_of_the_epoch_commands_until_the_next_owners_first_command() {
 }
 
 #[test]
-fn what_a_fallback_said_before_it_became_the_owner_is_not_its_to_give() {
+fn what_a_fallback_published_before_it_became_the_owner_is_not_its_to_give() {
     let mut audit = flip();
     audit.record(&record(3, 25, 0, 1));
     audit.applied(&applied(21, 2, (1, 3), false));
@@ -164,7 +164,7 @@ fn a_tick_whose_command_the_recorder_lost_is_not_judged() {
 }
 
 #[test]
-fn a_tick_by_a_command_that_a_new_writer_gave_before_it_was_heard_is_not_judged() {
+fn a_tick_by_a_command_that_a_new_writer_gave_before_it_was_read_is_not_judged() {
     let mut audit = flip();
     let mut first = command(1, 9, 80);
     first.header.generation = 1;

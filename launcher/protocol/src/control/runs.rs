@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_lost_the_launcher_is_told_what_can_be_done_on_which_clock() {
+    fn without_the_launcher_the_message_names_what_can_be_done_on_which_clock() {
         let folder = tempfile::tempdir().unwrap();
         let run = Run::at("7f3a", folder.path());
         let rescue = |scenario: &str| {

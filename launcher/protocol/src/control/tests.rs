@@ -131,7 +131,7 @@ fn requests_of_one_client_are_answered_in_turn_and_of_several_in_any_order() {
 }
 
 #[test]
-fn a_client_that_says_all_it_has_to_and_closes_its_half_still_gets_its_answer() {
+fn a_client_that_closes_its_half_after_its_request_still_gets_its_answer() {
     let (folder, server) = server(Limits::default());
     let mut client = connect(folder.path());
     send(&mut client, b"{\"request\":\"ps\"}\n");
@@ -219,7 +219,7 @@ fn a_launcher_that_takes_its_time_exhausts_no_patience() {
 }
 
 #[test]
-fn who_does_not_read_is_dropped_and_who_has_gone_is_forgotten() {
+fn a_client_that_does_not_read_is_dropped_and_one_that_has_gone_is_forgotten() {
     let limits = Limits { unread_bytes: 1 << 20, ..impatient() };
     let (folder, server) = server(limits);
     let mut deaf = connect(folder.path());
@@ -240,7 +240,7 @@ fn who_does_not_read_is_dropped_and_who_has_gone_is_forgotten() {
 }
 
 #[test]
-fn one_client_too_many_is_told_so_and_has_room_once_another_leaves() {
+fn one_client_too_many_is_refused_and_has_room_once_another_leaves() {
     let limits = Limits { clients: 2, ..Limits::default() };
     let (folder, server) = server(limits);
     let first = connect(folder.path());

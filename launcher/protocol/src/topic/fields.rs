@@ -187,7 +187,7 @@ mod tests {
     use shared_types::{Deviation, DeviationKind, Imu, OwnerRecord, Reference, Role};
 
     #[test]
-    fn fields_have_their_names_codes_their_words_and_lists_their_elements() {
+    fn fields_have_their_names_codes_their_labels_and_lists_their_elements() {
         let header = Header { sequence: 7, release_ns: 1_500_000_000, ..Header::default() };
         let deviation = Deviation {
             header,

@@ -55,7 +55,7 @@ fn next(listening: &mut Listening) -> (&'static str, u64) {
 }
 
 #[test]
-fn who_listens_gets_the_topics_asked_for_in_order_and_nothing_else() {
+fn a_listener_gets_the_topics_asked_for_in_order_and_nothing_else() {
     let flight = Flight::new();
     // No client listens: nothing is kept.
     flight.feed.offer(&topics::IMU, &imu(1));
@@ -73,7 +73,7 @@ fn who_listens_gets_the_topics_asked_for_in_order_and_nothing_else() {
 }
 
 #[test]
-fn a_slow_client_loses_samples_is_told_how_many_and_holds_up_no_other() {
+fn a_slow_client_loses_samples_gets_their_number_and_holds_up_no_other() {
     let flight = Flight::new();
     let mut slow = flight.listen(&["reference"]);
     let (sent, mut got, mut dropped) = (20_000, 0, 0);
@@ -92,7 +92,7 @@ fn a_slow_client_loses_samples_is_told_how_many_and_holds_up_no_other() {
 }
 
 #[test]
-fn what_is_told_reaches_a_listener_that_has_lost_samples_by_then() {
+fn an_event_reaches_a_listener_that_has_lost_samples_by_then() {
     let flight = Flight::new();
     let mut slow = Listening::to_everything(&flight.run()).unwrap();
     // More than socket, buffer and queue hold, with an event now and then.
@@ -150,7 +150,7 @@ fn flood_without_end(flight: &Flight) {
 }
 
 #[test]
-fn strangers_are_refused_in_words_and_cost_nothing() {
+fn unknown_peers_are_refused_with_a_message_and_cost_nothing() {
     let flight = Flight::new();
     let send = |text: &[u8]| {
         let mut stream = UnixStream::connect(flight.folder.path().join(SOCKET)).unwrap();
@@ -197,7 +197,7 @@ fn a_packed_sample_is_taken_apart_by_its_topic_and_only_if_it_fits() {
 }
 
 #[test]
-fn what_is_told_and_the_end_come_only_to_clients_that_want_everything() {
+fn events_and_the_end_come_only_to_clients_that_want_everything() {
     let folder = tempfile::TempDir::new().unwrap();
     let flying = Flying { epoch_unix_ns: 1_000_000_000, speed: Some(0.5) };
     let feed = Feed::open(folder.path(), flying).unwrap();

@@ -210,7 +210,7 @@ proptest! {
     }
 
     #[test]
-    fn a_message_with_a_changed_byte_is_refused_or_says_something_else(
+    fn a_message_with_a_changed_byte_is_refused_or_reads_as_another(
         pattern in proptest::collection::vec(any::<u8>(), 1..400),
         at in any::<proptest::sample::Index>(),
         flip in 1_u8..,

@@ -131,7 +131,7 @@ fn what_was_recorded_is_read_bit_for_bit() -> Outcome {
 }
 
 #[test]
-fn a_file_cut_anywhere_reads_up_to_the_cut_or_says_what_its_head_lacks() -> Outcome {
+fn a_file_cut_anywhere_reads_up_to_the_cut_or_reports_what_its_head_lacks() -> Outcome {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("flight.mcap");
     record(&path, 300, layout_of(Role::Attitude)?)?;
@@ -163,7 +163,7 @@ fn a_file_cut_anywhere_reads_up_to_the_cut_or_says_what_its_head_lacks() -> Outc
 }
 
 #[test]
-fn what_a_cut_file_has_is_recovered_into_a_complete_one_that_says_so() -> Outcome {
+fn what_a_cut_file_has_is_recovered_into_a_complete_one_that_is_marked() -> Outcome {
     let folder = tempfile::tempdir()?;
     let [path, cut, new] = ["flight", "cut", "new"].map(|name| folder.path().join(name));
     record(&path, 300, layout_of(Role::Attitude)?)?;
@@ -208,7 +208,7 @@ fn what_a_cut_file_has_is_recovered_into_a_complete_one_that_says_so() -> Outcom
 }
 
 #[test]
-fn around_a_damaged_chunk_everything_else_is_recovered_and_the_hole_is_told() -> Outcome {
+fn around_a_damaged_chunk_everything_else_is_recovered_and_the_hole_is_reported() -> Outcome {
     let folder = tempfile::tempdir()?;
     let [path, bad, new] = ["flight", "bad", "new"].map(|name| folder.path().join(name));
     record(&path, 300, layout_of(Role::Attitude)?)?;

@@ -134,7 +134,7 @@ fn a_disk_that_cannot_keep_up_is_waited_for_and_nothing_is_lost() -> Result<(), 
 }
 
 #[test]
-fn a_full_disk_is_told_once_in_flight_and_again_at_the_end() {
+fn a_full_disk_is_reported_once_in_flight_and_again_at_the_end() {
     let (mut recorder, content) = recorder_over(Disk { room: Some(300_000), ..Disk::default() });
     let mut errors = Vec::new();
     for sequence in 1..=100_000 {
@@ -196,7 +196,7 @@ fn whenever_it_is_killed_a_recorder_has_left_all_but_the_last_fifty_milliseconds
 }
 
 #[test]
-fn what_a_full_disk_is_said_to_hold_is_short_by_fifty_milliseconds_at_most() {
+fn what_a_full_disk_is_reported_to_hold_is_short_by_fifty_ms_at_most() {
     for room in (60_000..300_000).step_by(17_000) {
         let (mut recorder, content) = recorder_over(Disk { room: Some(room), ..Disk::default() });
         for sequence in 1..=20_000 {
@@ -230,7 +230,7 @@ impl Write for Broken {
 }
 
 #[test]
-fn a_writer_that_stops_is_told_once_in_flight_and_again_at_the_end() {
+fn a_writer_that_stops_is_reported_once_in_flight_and_again_at_the_end() {
     let facts = facts(Clock::Lockstep);
     let broken = Broken(Disk::default());
     let recording = Recording::over(Box::new(broken), Path::new(FILE), &facts).expect("a start");

@@ -57,8 +57,7 @@ fn readable(bytes: &[u8]) -> Vec<u32> {
 }
 
 #[test]
-fn a_full_disk_is_told_once_and_again_at_the_end_and_leaves_a_readable_prefix()
--> Result<(), RecordError> {
+fn a_full_disk_is_reported_twice_and_leaves_a_readable_prefix() -> Result<(), RecordError> {
     let disk = Disk::with_room(120_000);
     let mut recording = over(&disk)?;
     let mut errors = Vec::new();
@@ -93,7 +92,7 @@ fn a_full_disk_is_told_once_and_again_at_the_end_and_leaves_a_readable_prefix()
 }
 
 #[test]
-fn a_disk_that_fills_at_the_very_end_is_told_by_finish() -> Result<(), RecordError> {
+fn a_disk_that_fills_at_the_very_end_is_reported_by_finish() -> Result<(), RecordError> {
     let whole = Disk::with_room(usize::MAX);
     let mut recording = over(&whole)?;
     recording.write(&topics::IMU, &imu(1), 0)?;
@@ -112,7 +111,7 @@ fn a_disk_that_fills_at_the_very_end_is_told_by_finish() -> Result<(), RecordErr
 }
 
 #[test]
-fn a_device_without_room_is_told_at_once() {
+fn a_device_without_room_is_reported_at_once() {
     let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
     let facts = facts(Clock::Lockstep);
     let error = Recording::over(Box::new(full), Path::new("/dev/full"), &facts).err();

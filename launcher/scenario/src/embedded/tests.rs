@@ -75,7 +75,7 @@ fn the_rows_stand_in_the_scenario_and_the_file_is_not_needed_again() {
 }
 
 #[test]
-fn what_the_scenario_says_of_start_and_length_holds() {
+fn what_the_scenario_sets_of_start_and_length_holds() {
     let keys = "[start]\nposition_w_m = [0.1, 0.0, 1.2]\nyaw_deg = 0.0\nvelocity_w_m_s = [0.0, 0.0, 0.0]\n\
                 [scenario]\nduration_s = 9.0";
     let scenario = loaded(keys, &pieces()).unwrap();
@@ -117,7 +117,7 @@ fn names_of_columns_may_stand_in_the_comment_before_the_first_row() {
 }
 
 #[test]
-fn what_is_wrong_with_a_file_is_said_at_its_line() {
+fn what_is_wrong_with_a_file_is_reported_at_its_line() {
     let apart = pieces().replace("0.5,1.5,2,", "0.5,1.6,2,");
     let degrees = pieces().replace("yaw^0", "yaw^0 [deg]");
     let cases = [
@@ -195,7 +195,7 @@ fn a_trajectory_without_rows_with_two_kinds_or_without_its_file_is_refused() {
 }
 
 #[test]
-fn a_trajectory_in_or_on_the_ground_says_where_its_origin_may_be() {
+fn a_trajectory_in_or_on_the_ground_is_refused_with_where_its_origin_may_be() {
     for (height, expected) in [("-0.2", "-0.200 m"), ("0", "no higher than 0.00 m")] {
         let csv = format!("t,x,y,z\n0,0,0,{height}\n9,1,0,{height}\n");
         let problem = refused("[start]\nposition_w_m = [0.0, 0.0, 1.0]", &csv);
@@ -208,7 +208,7 @@ fn a_trajectory_in_or_on_the_ground_says_where_its_origin_may_be() {
 }
 
 #[test]
-fn a_trajectory_that_is_too_fast_says_how_slow_it_can_be_flown() {
+fn a_trajectory_that_is_too_fast_is_refused_with_how_slow_it_can_be_flown() {
     let csv = "t,x,y,z\n0,0,0,1.5\n1,1,0,1.5\n2,-1,0,1.5\n3,1,0,1.5\n4,0,0,1.5\n";
     let fast = loaded("", csv).unwrap();
     let warning = fast.warnings().first().expect("a warning");
@@ -277,7 +277,7 @@ fn what_is_not_flown_of_a_trajectory_is_not_judged() {
 }
 
 #[test]
-fn what_a_flight_cannot_begin_with_is_said_of_the_trajectory() {
+fn what_a_flight_cannot_begin_with_is_reported_of_the_trajectory() {
     let fast = refused("", "t,x,y,z\n0,0,0,1\n1,500,0,1\n2,1000,0,1\n");
     assert!(fast.to_string().contains("begins with 500.0 m/s"), "{fast:?}");
     let rest = |t_s: &str, x_m: &str| format!("{t_s},{x_m},0,1,0,0,0\n");

@@ -58,7 +58,7 @@ fn every_kind_that_the_parser_knows_has_keys() {
 }
 
 #[test]
-fn every_default_that_is_told_is_the_one_that_counts() {
+fn every_documented_default_is_the_one_that_counts() {
     let mut tried = 0;
     for key in settable() {
         // A trajectory needs one of its two kinds of rows.
@@ -82,7 +82,7 @@ fn every_default_that_is_told_is_the_one_that_counts() {
 }
 
 #[test]
-fn every_range_that_is_told_is_the_one_that_is_kept() {
+fn every_documented_range_is_the_one_that_is_kept() {
     let mut tried = 0;
     for key in settable().filter(|key| ["number", "whole number"].contains(&key.takes.as_str())) {
         let whole = key.takes == "whole number";
@@ -100,7 +100,7 @@ fn every_range_that_is_told_is_the_one_that_is_kept() {
 }
 
 #[test]
-fn a_number_of_which_no_range_is_told_has_none() {
+fn a_number_without_a_documented_range_has_none() {
     for key in settable().filter(|key| key.takes == "number" && key.range == [None, None]) {
         let error = loaded(&key, "1e300").err().unwrap_or_default();
         assert!(!error.contains(&format!("key: \"{}\"", key.name)), "{key:?}: {error}");
@@ -108,7 +108,7 @@ fn a_number_of_which_no_range_is_told_has_none() {
 }
 
 #[test]
-fn every_word_that_is_told_is_known_and_no_other() {
+fn every_documented_value_is_known_and_no_other() {
     for key in settable().filter(|key| key.takes.contains(" | ") && key.name != "pilot.kind") {
         for word in key.takes.split(" | ") {
             let value = if ["true", "false"].contains(&word) {
@@ -126,7 +126,7 @@ fn every_word_that_is_told_is_known_and_no_other() {
 }
 
 #[test]
-fn a_key_tells_its_form_its_unit_and_where_it_has_a_place() {
+fn a_key_has_its_form_its_unit_and_the_place_where_it_stands() {
     let find = |name: &str, kind: Option<&str>| {
         keys().find(|key| key.name == name && key.kind == kind).unwrap_or_else(|| panic!("{name}"))
     };

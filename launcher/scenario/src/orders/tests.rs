@@ -249,7 +249,7 @@ fn a_sweep_that_the_servo_cannot_do_is_refused_with_a_time_that_it_can() {
 }
 
 #[test]
-fn refused_orders_change_nothing_and_say_what_would_do() {
+fn refused_orders_change_nothing_and_name_what_would_do() {
     let mut planner = Planner::of(&lively()).unwrap();
     let mut refused = |order, begin_ms: u64| {
         planner.order(&order, (0, begin_ms * MS), false).unwrap_err().to_string()

@@ -46,7 +46,7 @@ fn a_swap_needs_slot_controller_and_time_and_the_rest_has_defaults() {
 }
 
 #[test]
-fn flags_add_to_what_the_file_says() {
+fn flags_add_to_what_the_file_holds() {
     let file = format!("{FLIGHT}{}", swap("at_s = 1.0\nshadow_s = 0.5\nrollback_s = 0.25"));
     let flags = [
         Override::swap("position=position-mpc@4.2s").unwrap(),
@@ -166,7 +166,7 @@ fn a_flight_without_a_position_loop_swaps_no_position_controller() {
 }
 
 #[test]
-fn flags_that_are_no_swap_and_no_fault_say_how_to_write_one() {
+fn flags_that_are_no_swap_and_no_fault_are_refused_with_how_to_write_one() {
     for bad in ["", "attitude", "attitude=attitude-mpc", "attitude=attitude-mpc@soon"] {
         let error = Override::swap(bad).unwrap_err();
         let problem = error.problems().next().unwrap();

@@ -129,7 +129,7 @@ fn step(reply: &Reply) -> &str {
 }
 
 #[test]
-fn a_swap_is_told_step_by_step_until_its_window_is_over() {
+fn a_swap_is_reported_step_by_step_until_its_window_is_over() {
     let mut flight = Flight::new();
     let mut received = flight.ask(&Request::Swap(swap("attitude-mpc")));
     assert_eq!(steps(&received()), ["accepted"]);
@@ -187,7 +187,7 @@ fn a_candidate_that_is_refused_or_dies_ends_the_order_with_1_and_its_name() {
 }
 
 #[test]
-fn what_a_dead_candidate_said_is_told_whole_to_its_client_and_briefly_otherwise() {
+fn stderr_of_a_dead_candidate_is_whole_for_its_client_and_brief_otherwise() {
     let stderr = "its last words:\n  File \"law.py\", line 6\nValueError: no gains\n";
     let ended = |event: Event| -> (String, String) {
         let mut flight = Flight::new();

@@ -49,7 +49,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_word_of_a_controller_counts_from_when_the_plant_follows_it() {
+    fn the_last_command_of_a_controller_counts_from_when_the_plant_follows_it() {
         let mut consumers = Consumers::default();
         consumers.take(1, Followed { tripped: true, ..follows(3, 20) });
         assert_eq!(consumers.take_plant(&follows(0, 10)), None, "it has told nothing");
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn it_does_not_matter_which_of_the_two_is_heard_first() {
+    fn it_does_not_matter_which_of_the_two_is_received_first() {
         let tripped = Followed { tripped: true, ..follows(3, 20) };
         let (mut before, mut after) = (Consumers::default(), Consumers::default());
         let _ = before.take(1, tripped);

@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn an_owner_that_tells_nothing_any_more_excuses_no_candidate() {
+    fn an_owner_that_reports_nothing_any_more_excuses_no_candidate() {
         let mut gatekeeper = gatekeeper(true);
         gatekeeper.missed(CANDIDATE, 7 + 4, 1100 * MS);
         assert_eq!(refused(&gatekeeper), None, "the owner has not told yet");

@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn an_owner_without_estimates_is_not_told_to_be_silent() {
+    fn an_owner_without_estimates_is_not_reported_as_silent() {
         let by_the_wall = || SlotWatch::default().by_the_wall();
         assert_eq!(unguided(by_the_wall(), 1_100), 0, "it has nothing to fly on");
         assert_eq!(unguided(by_the_wall(), 1_500), 300, "it says nothing although it could");

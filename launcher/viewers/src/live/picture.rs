@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_new_continues_what_was_told_and_its_shape_never_changes() {
+    fn what_is_new_continues_what_was_sent_and_its_shape_never_changes() {
         let mut picture = picture();
         let empty = picture.whole();
         fly(&mut picture, 0..3000);
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn events_are_told_once_and_the_end_to_each_client_that_asks_after_it() {
+    fn events_are_sent_once_and_the_end_to_each_client_that_asks_after_it() {
         let mut picture = picture();
         let mut log = Vec::new();
         let event = record::Event {

@@ -50,7 +50,7 @@ mod tests {
     use super::Token;
 
     #[test]
-    fn a_token_is_itself_alone_and_says_nothing_in_a_log() {
+    fn a_token_is_itself_alone_and_shows_nothing_in_a_log() {
         let (one, other) = (Token::random().unwrap(), Token::random().unwrap());
         assert_eq!(one.as_str().len(), 32);
         assert!(one.is(one.as_str()) && !one.is(other.as_str()));

@@ -119,7 +119,7 @@ fn everything_is_on_80_by_24_even_where_all_numbers_are_wide() {
 }
 
 #[test]
-fn a_command_is_typed_where_the_keys_were_and_what_is_over_says_so() {
+fn a_command_is_typed_where_the_keys_were_and_what_is_over_is_marked() {
     let typed = "swap attitude --to attitude-mpc".to_owned();
     let talk = Talk { typing: Some(typed.clone()), over: true, ..Talk::default() };
     let lines = screen(80, 24, &snapshot(), &talk);

@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wind_of_the_script_is_told_of_unless_it_blows_from_the_start_or_after_the_end() {
+    fn a_wind_of_the_script_is_shown_unless_it_blows_from_the_start_or_after_the_end() {
         let script = r#"script = [
             { kind = "wind", mean_w_m_s = [1.0, 0.0, 0.0] },
             { kind = "wind", at_s = 2.0, until_s = 3.5, mean_w_m_s = [20.0, 0.0, 0.0] },
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn the_world_is_told_of_once_per_change() {
+    fn a_change_of_the_world_is_shown_once() {
         let mut world = World::default();
         let mut now = Disturbance { rotor_efficiency: [1.0; 4], ..Disturbance::default() };
         assert_eq!(world.disturbance(&now), None);

@@ -97,7 +97,7 @@ fn assert_roll(applied: &AppliedSetpoint, roll_rad: f64) {
 }
 
 #[test]
-fn a_flip_counts_from_its_instant_on_and_a_late_one_is_refused_and_told() {
+fn a_flip_counts_from_its_instant_on_and_a_late_one_is_refused_and_reported() {
     let (mut attitude, mut inputs) = (controller(), inputs());
     let unowned = applied(&fly(&mut attitude, &mut inputs, 0, 0));
     assert_eq!((unowned.epoch, unowned.seat), (0, NO_SEAT));
@@ -120,7 +120,7 @@ fn a_flip_counts_from_its_instant_on_and_a_late_one_is_refused_and_told() {
 }
 
 #[test]
-fn a_consumer_that_joins_late_and_hears_the_fallback_first_does_not_fail_over() {
+fn a_consumer_that_joins_late_and_gets_the_fallback_first_does_not_fail_over() {
     let (mut attitude, mut inputs) = (controller(), inputs());
     announce(&mut inputs, 1, 0, A, B, false);
     send(&mut inputs, B, 45, 200);

@@ -85,7 +85,7 @@ fn a_step_that_takes_too_long_is_cut_off_at_the_same_place_everywhere_and_counte
 }
 
 #[test]
-fn a_soft_bound_that_gives_way_is_told_and_a_hard_one_never_does() {
+fn a_soft_bound_that_gives_way_is_reported_and_a_hard_one_never_does() {
     let config = |state_penalty: Option<f64>, rate_max_rad_s: f64| AttitudeLawConfig {
         rate_max_rad_s: Some(rate_max_rad_s),
         state_penalty,

@@ -37,7 +37,7 @@ fn a_drop_out_of_two_seconds_stays_inside_three_sigma_and_recovers() {
 }
 
 #[test]
-fn fixes_noisier_than_told_are_believed_to_be_and_velocity_does_not_follow_them() {
+fn fixes_noisier_than_configured_are_found_and_velocity_does_not_follow_them() {
     let truth = figure_eight(14);
     let worst_m_s = |fix_noise: f64| {
         let (mut worst, mut alarms) = (0.0_f64, 0);

@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn the_launchers_words_are_understood() {
+    fn the_records_of_the_launcher_are_understood() {
         let arguments =
             parse("--slot attitude --seat 1 --await-handover --nice -5 --config a.toml").unwrap();
         assert_eq!((arguments.slot, arguments.place.seat), (Role::Attitude, 1));

@@ -126,7 +126,7 @@ mod tests {
         ("proc/meminfo", "MemTotal: 9000000 kB\nMemAvailable:  4096000 kB\n");
 
     #[test]
-    fn without_a_limit_the_machine_says_what_is_left() {
+    fn without_a_limit_the_machine_decides_what_is_left() {
         assert_eq!(available(&[]), None);
         let by_machine = Some((4000, "proc/meminfo".to_owned()));
         assert_eq!(available(&[MACHINE]), by_machine);

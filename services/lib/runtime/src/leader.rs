@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn one_leads_at_a_time_and_the_other_is_told_who() {
+    fn one_leads_at_a_time_and_the_other_learns_which() {
         let folder = folder();
         assert_eq!(leading(&folder), None);
         let mut first = LeaderLock::take(&folder).unwrap();

@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn a_process_has_served_who_had_its_ports_open_when_it_looked_after_its_readers() {
+    fn a_process_has_served_all_that_had_ports_when_it_looked_after_its_readers() {
         let mut marks = SeatMarks::default();
         let owner = Seat::first(Role::Attitude);
         let progress = |served_mono_ns, generation| Progress {
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn who_begins_in_flight_hears_of_each_seat_who_is_there_then_or_the_next() {
+    fn a_process_that_begins_in_flight_reads_the_writer_of_each_seat_or_the_next() {
         let without = OwnerRecord { period_ns: [10, 0, 10, 10], ..record(2, 100, 0, NO_SEAT) };
         let mut seats = marks([0; SEATS], &[record(1, 0, 0, 1), without]);
         let flies = |seats: &mut SeatMarks, seat, generation| {

@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn until_the_new_owner_speaks_the_old_ones_last_command_stays_in_effect() {
+    fn until_the_new_owner_publishes_the_old_ones_last_command_stays_in_effect() {
         let mut receiver = Receiver::new(&[record(1, 0, 0, None), record(2, 20, 1, None)]);
         assert_eq!(receiver.at(10, &[A]), Some((A, 10)));
         assert_eq!(receiver.at(20, &[]), Some((A, 10)));
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rollback_follows_the_old_owners_words_as_fallback_only_if_nothing_else_counts() {
+    fn a_rollback_follows_the_old_owners_commands_only_if_nothing_else_counts() {
         let back = record(3, 37, 0, Some(1));
         let mut receiver = Receiver::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0)), back]);
         assert_eq!(receiver.at(10, &[A]), Some((A, 10)));
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_silent_owner_is_replaced_at_the_end_of_his_last_words_validity() {
+    fn a_silent_owner_is_replaced_at_the_end_of_its_last_commands_validity() {
         let mut receiver = Receiver::new(&[record(1, 0, 0, Some(1))]);
         assert_eq!(receiver.at(10, &[A, B]), Some((A, 10)));
         assert_eq!(receiver.at(20, &[B]), Some((A, 10)));
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn to_one_who_joins_the_owner_is_silent_only_once_what_was_in_effect_has_run_out() {
+    fn for_a_joiner_the_owner_is_silent_only_once_what_was_in_effect_has_run_out() {
         let mut receiver = Receiver::new(&[record(1, 0, 0, Some(1))]);
         receiver.consumer.advance(10);
         let last = Command { effective_ns: 10, valid_until_ns: 30, ..Command::default() };
@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn a_successor_on_the_same_seat_inherits_no_words() {
+    fn a_successor_on_the_same_seat_inherits_no_commands() {
         let alone = |record: Record| Record { period_ns: [0, PERIOD_NS, 0, 0], ..record };
         let mut receiver = Receiver::new(&[
             record(1, 0, 0, Some(1)),

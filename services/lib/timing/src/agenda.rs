@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_publishes_comes_before_who_looks_and_that_before_whose_wait_is_over() {
+    fn a_publication_comes_before_a_look_and_that_before_the_end_of_a_wait() {
         let mut agenda = Agenda::for_loops(4);
         assert_eq!(agenda.next(), None);
         agenda.plan(2, TurnKind::Look, 7);

@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_time_is_drawn_as_often_as_its_weight_says() {
+    fn a_time_is_drawn_as_often_as_its_weight_asks() {
         let duration = Duration::weighted(&[(1, 99.0), (7, 0.0), (12, 1.0)]);
         let draws = (0..10_000).map(|k| duration.draw_ns(f64::from(k) / 1e4));
         assert_eq!(draws.filter(|drawn_ns| *drawn_ns == 12).count(), 100);

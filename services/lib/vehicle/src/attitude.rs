@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn each_axis_turns_the_way_the_frames_say() {
+    fn each_axis_turns_as_the_frames_define() {
         let turn = |r, p, y| quaternion_from_euler(&Vector3::new(r, p, y));
         // Yaw left takes x to y; pitch takes x down; roll takes y up (B is forward-left-up).
         let yaw = turn(0.0, 0.0, FRAC_PI_2) * Vector3::x();

@@ -93,7 +93,7 @@ fn an_owner_that_a_later_record_names_again_trips_again_at_once() {
 }
 
 #[test]
-fn what_is_told_of_an_epoch_that_is_over_replaces_no_owner_of_the_next() {
+fn a_report_of_an_epoch_that_is_over_replaces_no_owner_of_the_next() {
     let hands = |of_epoch: u64| {
         let mut inputs = Inputs::default();
         let watched = Flag::from(true);

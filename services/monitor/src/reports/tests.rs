@@ -164,7 +164,7 @@ fn a_trip_has_to_be_followed_within_two_periods_if_there_is_a_fallback() {
 }
 
 #[test]
-fn a_fallback_whose_last_word_was_over_before_the_trip_could_be_followed_is_none() {
+fn a_fallback_whose_last_command_was_over_before_the_trip_is_none() {
     let mut reports = Reports::new(4.0);
     assert!(reports.take_record(&record(1, [0, 1], 0)));
     reports.ask(0, asked(110, 1.0));

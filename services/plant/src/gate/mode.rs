@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn words_bring_back_each_mode_and_unknown_words_cut() {
+    fn labels_bring_back_each_mode_and_unknown_labels_cut() {
         let recover = Mode::Recover { since_ns: 7 };
         for mode in [Mode::Normal, HOLD, level(1, None), level(1, Some(2)), Mode::Cut, recover] {
             assert_eq!(Mode::from_words(mode.to_words()), mode);

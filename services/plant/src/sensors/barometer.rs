@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn readings_scatter_about_a_bias_that_walks_as_its_density_says() {
+    fn readings_scatter_about_a_bias_that_walks_by_its_density() {
         let (mut firsts, mut walked, mut scatter) = (Vec::new(), Vec::new(), Vec::new());
         for seed in 0..400 {
             let mut barometer = Barometer::new(&at_50_hz(), seed).unwrap();

@@ -138,7 +138,7 @@ fn at_a_flip_within_a_tick_the_new_owner_commands_from_that_instant_on() {
 }
 
 #[test]
-fn a_record_for_a_past_instant_is_refused_and_told_and_a_later_one_counts() {
+fn a_record_for_a_past_instant_is_refused_and_reported_and_a_later_one_counts() {
     let (mut plant, mut inputs) = (plant(), inputs());
     announce(&mut inputs, 1, 0, A, NO_SEAT, false);
     send(&mut inputs, A, 300_000, 60 * MS, 2 * PERIOD_NS);

@@ -97,7 +97,7 @@ fn a_command_takes_effect_at_its_instant_and_not_at_the_next_tick() {
 }
 
 #[test]
-fn only_the_owner_moves_a_rotor_and_who_has_no_seat_is_counted() {
+fn only_the_owner_moves_a_rotor_and_writers_without_a_seat_are_counted() {
     let commands = vec![
         at(command(0.01), 1, 1_000_000, SHADOW),
         at(command(f64::NAN), 2, 2_000_000, SHADOW),

@@ -118,7 +118,7 @@ fn a_rehearsed_flight_begins_at_the_state_of_the_vehicle_and_follows_its_plan() 
 }
 
 #[test]
-fn a_rehearsal_of_the_same_swap_says_the_same_to_the_last_bit() {
+fn a_rehearsal_of_the_same_swap_is_the_same_to_the_last_bit() {
     let scenario = load("figure8-morph", &[]);
     let rehearse = || {
         let spec = spec(&scenario, 9.1, Slot::Attitude, "attitude-lqr");

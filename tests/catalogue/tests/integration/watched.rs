@@ -142,7 +142,7 @@ fn without_a_fallback_a_trip_costs_a_metre_at_most() {
 
 /// An attitude controller may leave it to others to follow a trip of the position controller, or fail together with it.
 #[test]
-fn a_pair_of_bad_controllers_is_taken_back_and_told_of_slot_by_slot() {
+fn a_pair_of_bad_controllers_is_taken_back_and_reported_slot_by_slot() {
     let flights = Flights::new();
     let plains = SITUATIONS
         .map(|situation| plain(&situation, SEED, None, &pair_settings()).expect("a flight"));

@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_figure_gives_the_same_svg_with_its_words_in_it() {
+    fn the_same_figure_gives_the_same_svg_with_its_labels_in_it() {
         let panel = Panel::new("", Axis::log("rate [Hz]"), Axis::new("a < b")).curve(Curve::new(
             "ours",
             Colour::Blue,

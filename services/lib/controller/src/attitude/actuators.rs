@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_report_from_more_than_two_periods_ago_tells_nothing_of_the_last_command() {
+    fn a_report_from_more_than_two_periods_ago_shows_nothing_of_the_last_command() {
         let timing = Timing { latency_s: 2.5 * MS, ..timing(MS) };
         let (mut copy, axis) = (Actuators::at_rest(), timing.axis());
         copy.follow(None, &timing, &axis);
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn who_tracks_late_reports_carries_them_on_by_its_own_increments() {
+    fn a_law_that_tracks_late_reports_carries_them_on_by_its_own_increments() {
         let timing = timing(MS);
         let (mut copy, axis) = (Actuators::at_rest(), timing.axis());
         copy.follow(None, &timing, &axis);

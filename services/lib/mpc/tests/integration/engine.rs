@@ -51,7 +51,7 @@ fn without_active_bounds_the_move_is_the_least_squares_answer() {
 
 /// As the functions are cut off by the horizon, or more of them than it has samples.
 #[test]
-fn bases_that_the_horizon_cannot_tell_apart_still_have_one_answer() {
+fn bases_that_the_horizon_cannot_distinguish_still_have_one_answer() {
     for (prediction, pole, terms) in
         [(20, 0.0, 21), (20, 0.5, 50), (20, 0.99, 20), (20, 0.98, 6), (200, 0.8, 50)]
     {

@@ -256,7 +256,7 @@ fn jumping_bounds_on_shared_rows_are_always_met_and_never_infeasible() {
 }
 
 #[test]
-fn with_laguerre_functions_they_are_met_too_and_what_is_infeasible_is_said() {
+fn with_laguerre_functions_they_are_met_too_and_what_is_infeasible_is_reported() {
     let mut design = design(HORIZON);
     design.constraints = Constraints {
         levels: None,

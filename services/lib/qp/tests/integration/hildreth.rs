@@ -33,7 +33,7 @@ fn converged_sweeps_agree_with_the_active_set() {
 }
 
 #[test]
-fn the_textbook_sweep_count_can_leave_the_bounds_and_says_so() {
+fn the_textbook_sweep_count_can_leave_the_bounds_and_reports_it() {
     let mut random = generator(42);
     let (mut worst, mut unsolved) = (0.0_f64, 0);
     for _ in 0..100 {

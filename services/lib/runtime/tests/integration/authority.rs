@@ -78,7 +78,7 @@ impl Run {
 }
 
 #[test]
-fn only_those_on_the_roll_are_heard_and_strays_are_counted_with_their_process() {
+fn only_registered_writers_are_read_and_strays_are_counted_with_their_process() {
     let mut run = Run::found("registry");
     let _topic = run.launcher.create_topic(&topics::POSE_FIX).unwrap();
     let mut reader = run.launcher.reader(&topics::POSE_FIX, Role::Plant).unwrap();
@@ -106,7 +106,7 @@ fn only_those_on_the_roll_are_heard_and_strays_are_counted_with_their_process() 
 }
 
 #[test]
-fn who_leaves_a_run_takes_its_reader_of_the_roll_along() {
+fn a_process_that_leaves_a_run_takes_its_reader_of_the_registry_along() {
     let run = Run::found("leaving");
     let readers =
         || run.launcher.open_service::<Registry>(ServiceKind::Registry).unwrap().readers();
@@ -190,7 +190,7 @@ fn the_furthest_mark_counts_whatever_the_order_of_a_process_and_its_successor() 
 }
 
 #[test]
-fn clock_and_handovers_count_only_from_who_leads_or_has_led() {
+fn clock_and_handovers_count_only_from_a_launcher_that_leads_or_has_led() {
     let mut run = Run::found("leaders");
     run.enter_plant();
     let kind = ServiceKind::Handover(PLANT);

@@ -93,7 +93,7 @@ fn what_lasts_may_be_half_of_what_comes_and_goes() {
 }
 
 #[test]
-fn in_realtime_who_was_off_for_a_moment_is_pardoned_once_in_half_a_second() {
+fn in_realtime_a_moment_of_difference_is_pardoned_once_in_half_a_second() {
     let with = |limits: GateLimits, moments: u64| {
         let mut gate = Gate::new(AXES, limits, false);
         for k in 0..50 {
@@ -147,7 +147,7 @@ fn a_wrong_sign_and_a_wrong_gain_are_seen_in_the_slope_however_small_the_command
 }
 
 #[test]
-fn what_no_controller_may_do_is_told_at_once_and_never_forced() {
+fn what_no_controller_may_do_is_refused_at_once_and_never_forced() {
     for value in [f64::NAN, f64::INFINITY, 0.51, -0.51] {
         let mut gate = Gate::new(AXES, GateLimits::OTHER_KIND, false);
         let candidate = [10.0, 0.0, value, 0.0];

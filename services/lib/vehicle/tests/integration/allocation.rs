@@ -22,7 +22,7 @@ fn any_wrench() -> impl Strategy<Value = Wrench> {
 }
 
 #[test]
-fn each_rotor_pushes_where_equation_1_says() {
+fn each_rotor_pushes_by_equation_1() {
     let a = allocator(94.5);
     let l = a.arm_length_m;
     let front = a.wrench(&[1.0, 0.0, 0.0, 0.0]);

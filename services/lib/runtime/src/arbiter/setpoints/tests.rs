@@ -29,7 +29,7 @@ fn in_command(samples: &[(u64, u32)], plant: Option<&AppliedCommand>) -> Option<
 }
 
 #[test]
-fn the_owners_word_counts_and_the_fallbacks_only_without_it() {
+fn the_owners_command_counts_and_the_fallbacks_only_without_it() {
     assert_eq!(in_command(&[(10, 0), (20, 0), (20, 1), (30, 3)], None), Some((20, 0)));
     assert_eq!(in_command(&[(10, 1), (20, 1), (20, 3)], None), Some((20, 1)));
     assert_eq!(in_command(&[(10, 0), (60, 2), (70, 0)], None), Some((60, 2)));

@@ -139,7 +139,7 @@ impl Bench {
 }
 
 #[test]
-fn a_step_that_saw_what_it_should_tells_nothing() {
+fn a_step_that_saw_what_it_should_reports_nothing() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     for sequence in 1..20 {
         bench.arrives(sequence);
@@ -148,7 +148,7 @@ fn a_step_that_saw_what_it_should_tells_nothing() {
 }
 
 #[test]
-fn late_and_lost_samples_are_told_by_number_at_the_step_that_did_without() {
+fn late_and_lost_samples_are_reported_by_number_at_the_step_without_them() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     bench.arrives(1);
     bench.step();
@@ -177,7 +177,7 @@ fn late_and_lost_samples_are_told_by_number_at_the_step_that_did_without() {
 }
 
 #[test]
-fn a_late_sample_tells_since_when_it_was_due() {
+fn a_late_sample_is_reported_with_the_instant_at_which_it_was_due() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     (0..5).for_each(|_| drop(bench.step()));
     bench.arrives(3);
@@ -189,7 +189,7 @@ fn a_late_sample_tells_since_when_it_was_due() {
 }
 
 #[test]
-fn late_samples_of_owner_fallback_and_successor_are_told_each_by_its_own_numbers() {
+fn late_samples_of_owner_fallback_and_successor_are_reported_by_their_own_numbers() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     bench.comes_from_a_slot();
     bench.publish((0, 0), 79, 0);
@@ -243,7 +243,7 @@ fn late_and_lost_samples_of_a_producer_without_a_slot_are_one_range() {
 }
 
 #[test]
-fn who_joins_in_flight_tells_of_the_first_sample_of_each_writer_that_it_hears() {
+fn a_loop_that_joins_in_flight_reports_the_first_sample_of_each_writer() {
     let began = |bench: &mut Bench| {
         let mut deviations = bench.step();
         deviations.retain(|(kind, ..)| *kind == DeviationKind::Began);
@@ -270,7 +270,7 @@ fn who_joins_in_flight_tells_of_the_first_sample_of_each_writer_that_it_hears() 
 }
 
 #[test]
-fn what_a_seat_says_while_it_does_not_count_is_not_missing_afterwards() {
+fn what_a_seat_publishes_while_it_does_not_count_is_not_missing_afterwards() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     bench.comes_from_a_slot();
     let mut book = SlotBook::default();
@@ -343,7 +343,7 @@ fn what_comes_late_together_with_the_record_that_ends_its_seat_is_late() {
 }
 
 #[test]
-fn the_last_sample_of_a_writer_is_told_when_another_process_has_its_seat() {
+fn the_last_sample_of_a_writer_is_reported_when_another_process_has_its_seat() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     bench.comes_from_a_slot();
     bench.publish((1, 0), 7, 0);
@@ -360,7 +360,7 @@ fn the_last_sample_of_a_writer_is_told_when_another_process_has_its_seat() {
 }
 
 #[test]
-fn what_happens_to_the_loop_is_told_with_the_step_that_follows_and_can_be_repeated() {
+fn what_happens_to_the_loop_is_reported_with_the_next_step_and_can_be_repeated() {
     let edge = Edge::unwaited(&topics::IMU.info, Role::Estimator);
     for policy in [MissPolicy::Skip, MissPolicy::Hold, MissPolicy::CatchUp] {
         let mut bench = Bench::new(policy, 0);
@@ -427,7 +427,7 @@ fn names_of_all_topics_fit_into_a_deviation() {
 }
 
 #[test]
-fn at_the_end_each_input_tells_how_far_it_has_got() {
+fn at_the_end_each_input_reports_how_far_it_has_got() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     for sequence in 1..=3 {
         bench.arrives(sequence);

@@ -92,7 +92,7 @@ fn a_topic_outside_the_waiting_graph_takes_effect_at_its_instant() {
 }
 
 #[test]
-fn fresh_before_and_latest_are_told_apart() {
+fn fresh_before_and_latest_are_distinguished() {
     let (mut input, queue) = input(false);
     queue.push(1, 0, 1);
     queue.push(2, 0, 2);
@@ -222,7 +222,7 @@ fn a_successor_in_flight_counts_from_anywhere_and_a_forged_seat_is_ignored() {
 }
 
 #[test]
-fn what_a_restarted_producer_without_a_slot_said_and_did_not_arrive_is_lost() {
+fn what_a_restarted_producer_without_a_slot_sent_and_did_not_arrive_is_lost() {
     let (mut input, queue) = input(false);
     let publish = |valid_ns, sequence, generation| {
         let header = Header { valid_ns, sequence, generation, ..Header::default() };
@@ -284,7 +284,7 @@ fn what_arrives_late_is_new_to_a_loop_that_joined_or_was_restored_in_between() {
 }
 
 #[test]
-fn what_was_said_by_a_process_that_had_gone_is_left_out() {
+fn samples_of_a_process_that_had_gone_are_left_out() {
     let (mut input, queue) = input(false);
     let mut heard_from = [0; Seat::COUNT];
     heard_from[Seat { role: Role::Plant, index: 0 }.number().expect("a seat")] = 2;

@@ -239,7 +239,7 @@ fn another_service_refuses_the_state_and_names_both_layouts() {
 }
 
 #[test]
-fn a_component_may_refuse_a_memory_and_says_why() {
+fn a_component_may_refuse_a_memory_and_gives_the_reason() {
     let mut bench = Bench::new(1000.0, 1);
     bench.step();
     let mut state = bench.state();
@@ -304,7 +304,7 @@ fn loop_statistics_of_a_slow_loop_count_on_without_a_gap_after_a_restore() {
 }
 
 #[test]
-fn each_miss_policy_does_what_it_says() {
+fn each_miss_policy_does_what_it_promises() {
     // 150 Hz: releases at 0, 6.66, 13.33, 20, 26.66, 33.33 ms; the loop gets to run at 28 ms.
     let expected = [
         (MissPolicy::Skip, 26_666_666, 4, 0),

@@ -83,7 +83,7 @@ fn newcomer() -> Bench {
 }
 
 #[test]
-fn a_newcomer_that_is_lost_again_at_once_makes_room_for_whom_the_flight_began_with() {
+fn a_newcomer_that_is_lost_again_at_once_makes_room_for_the_initial_controller() {
     let mut bench = newcomer();
     bench.on(Event::Died(SEAT[1])).wait();
     assert!(bench.has(|action| *action == Action::Restart(SEAT[1], Program(1))));

@@ -68,7 +68,7 @@ fn without_a_window_no_time_is_waited_for_that_has_come_already() {
 }
 
 #[test]
-fn another_kind_tracks_first_and_its_flip_says_so() {
+fn another_kind_tracks_first_and_its_flip_names_that() {
     let mut bench = Bench::new(SlotConfig::LOCKSTEP);
     bench.at(1000 * MS).swap(8);
     let tracks = |action: &Action| {
@@ -204,7 +204,7 @@ fn a_rollback_gives_the_slot_back_and_sends_the_new_one_away() {
 }
 
 #[test]
-fn a_candidate_that_does_not_command_yet_is_not_rolled_back_but_told_of() {
+fn a_candidate_that_does_not_command_yet_is_not_rolled_back_but_reported() {
     let mut bench = Bench::new(SlotConfig::LOCKSTEP);
     bench.at(1000 * MS);
     bench.on(Event::Request(Request::Rollback));

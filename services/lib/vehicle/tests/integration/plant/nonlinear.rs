@@ -145,7 +145,7 @@ fn rotors_answer_a_step_with_their_lag_and_stop_at_their_limits() {
 }
 
 #[test]
-fn a_weak_rotor_tilts_as_equation_1_says() {
+fn a_weak_rotor_tilts_by_equation_1() {
     let vehicle = no_drag();
     let start = hover(&vehicle);
     let disturbance =
