@@ -24,7 +24,7 @@ use std::process::{ExitCode, Stdio};
 /// Swaps in realtime.
 #[derive(Debug, Parser)]
 struct Options {
-    /// How many; 200, or 40 with a rehearsal each, unless told otherwise.
+    /// How many; 200, or 40 with a rehearsal each, unless given.
     #[arg(long, value_name = "N")]
     swaps: Option<u32>,
     /// Rehearse each.

@@ -125,7 +125,8 @@ impl Listener {
         let lines = BufReader::new(self.0.stdout.take().expect("a pipe")).lines();
         let last = lines.map_while(Result::ok).filter(|line| line.ends_with('}')).last();
         self.0.wait().expect("an end");
-        let last: Value = serde_json::from_str(&last.expect("something was heard")).expect("JSON");
+        let last: Value =
+            serde_json::from_str(&last.expect("something was received")).expect("JSON");
         last[topic]["header"]["release_ns"].as_f64().expect("an instant") * 1e-9
     }
 }

@@ -150,7 +150,7 @@ fn to_text(report: &WatchReport, options: &Options, place: &Place) -> String {
             let verdict = match change.between {
                 Some([low, _]) if low > most => "FAILS",
                 Some([_, high]) if high <= most => "holds",
-                _ => "cannot be told in so few rounds",
+                _ => "cannot be seen in so few rounds",
             };
             let _ = writeln!(text, "at most {most} x: {verdict}");
         }

@@ -201,7 +201,7 @@ fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
         assert!(furthest_m <= 0.5, "{}", flown.output_text());
         made += plan.swaps.len();
         println!(
-            "{made} swaps asked for, {flipped} made, {hurt} deaths and stops, {spoilt} told to write \
+            "{made} swaps asked for, {flipped} made, {hurt} deaths and stops, {spoilt} made to write \
              garbage; of {ticks} ticks 0 missed, 0 duplicated, 0 of a wrong owner; bump at most \
              {:.2} %, {:.0} mm from the path",
             100.0 * worst_bump,

@@ -44,11 +44,11 @@ def flying(command, folder, summary):
     for limit in ("launcher.startup_timeout_s", "launcher.stall_timeout_s", "rehearsal.wall_max_s"):
         command += ["--set", f"{limit}=600"]
     process = subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=summary, stderr=subprocess.PIPE, text=True)
-    told, found, address = [], threading.Event(), []
+    lines, found, address = [], threading.Event(), []
 
     def listen():
         for line in process.stderr:
-            told.append(line)
+            lines.append(line)
             if match := re.search(r"live\s+(http://127\.0\.0\.1:\d+/#token=\S+)", line):
                 address.append(match[1])
                 found.set()
@@ -57,7 +57,7 @@ def flying(command, folder, summary):
     threading.Thread(target=listen, daemon=True).start()
     try:
         found.wait(60)
-        check(address, "the flight printed no address of its page:\n" + "".join(told))
+        check(address, "the flight printed no address of its page:\n" + "".join(lines))
         yield process, address[0]
     finally:
         if process.poll() is None:
@@ -134,8 +134,8 @@ def commands(page, pictures):
     wait_until(page, lambda: mark.count() > 0, "the swap is not among the events")
 
     page.fill('fieldset[aria-label="morph β"] input[type=number]', "0.01")
-    told = asked(page, "morph β", "Morph", good=False)
-    check("the servo gives" in told, told)
+    answers = asked(page, "morph β", "Morph", good=False)
+    check("the servo gives" in answers, answers)
     check(page.get_attribute("#control > output", "class") == "bad", "a refusal looks like success")
     page.screenshot(path=pictures / "live-refused.png")
     page.fill('fieldset[aria-label="morph β"] input[type=number]', "1")
@@ -223,14 +223,14 @@ def demonstrate(morphquad, browser_path, pictures):
         page, complaints = opened(browser, address, may_ask=[*ASKS, "demo"], color_scheme="light")
         wait_for_time(page, lambda t: t > 2.5)
         check(page.inner_text("#badge") == "LIVE" and page.is_visible("#demo"), "a demo does not open playing")
-        told = tried(page, "Bad swap")
-        check("flown ahead, it would" in told and "red course" in told, told)
+        answers = tried(page, "Bad swap")
+        check("flown ahead, it would" in answers and "red course" in answers, answers)
         wait_until_painted(page)
         page.screenshot(path=pictures / "demo-refused.png")
         for name in ["Gust", "Arms"]:
             check(tried(page, name)[0] == "✔", f"{name}: {page.inner_text('#demo > output')}")
-        told = tried(page, "Kill")
-        check("is killed" in told, told)
+        answers = tried(page, "Kill")
+        check("is killed" in answers, answers)
         wait_until(page, lambda: page.locator("#events button", has_text="killed by signal 9").count() > 0, "no successor")
         check(page.locator("#demo code").count() == 3, "nothing to go on with")
         page.screenshot(path=pictures / "demo-killed.png")

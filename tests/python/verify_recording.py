@@ -104,12 +104,12 @@ class Audit:
             f"audit covers {sorted(recorded)}, the file holds {sorted(self.tallies)}",
         )
         for key, tally in sorted(self.tallies.items()):
-            told = json.loads(recorded.get(key, "{}"))
+            stored = json.loads(recorded.get(key, "{}"))
             # Repetitions are left out of the file, so only the recorder can know them.
             for name in TALLY_KEYS:
-                same = name == "repeated" or told.get(name) == tally[name]
-                problems.expect(same, f"{key}: {name} is {tally[name]}, audit says {told.get(name)}")
-            tally["repeated"] = told.get("repeated", 0)
+                same = name == "repeated" or stored.get(name) == tally[name]
+                problems.expect(same, f"{key}: {name} is {tally[name]}, audit says {stored.get(name)}")
+            tally["repeated"] = stored.get("repeated", 0)
 
 
 class Derived:
@@ -278,12 +278,12 @@ def verify(data, options):
     if not options.cut:
         indexed = read_through_index(data, problems)
         problems.expect(indexed == counts, f"index finds {dict(indexed)}, file holds {dict(counts)}")
-    heard = {topic for topic in topics if counts[topic] > 0}
+    received = {topic for topic in topics if counts[topic] > 0}
     if options.expect_topics is not None:
         problems.expect(
-            len(heard) == options.expect_topics,
-            f"{len(heard)} topics with samples, expected {options.expect_topics}; "
-            f"silent: {sorted(topics - heard)}",
+            len(received) == options.expect_topics,
+            f"{len(received)} topics with samples, expected {options.expect_topics}; "
+            f"silent: {sorted(topics - received)}",
         )
 
     print(f"run {run.get('run_id')}: {run.get('scenario')}, seed {run.get('seed')}, {run.get('clock')}")
@@ -295,7 +295,7 @@ def verify(data, options):
         print(f"  note: {where} is not finite {count} times")
     share = derived.bytes[True] / max(1, sum(derived.bytes.values()))
     print(f"  {100 * share:.1f} % of all bytes before compression are for viewers")
-    print(f"{sum(counts.values())} messages, {decoded.values} values, {len(heard)} topics with samples")
+    print(f"{sum(counts.values())} messages, {decoded.values} values, {len(received)} topics with samples")
     return problems
 
 

@@ -41,7 +41,7 @@ impl Peer {
     }
 }
 
-/// A flight, as its processes are told of it.
+/// A flight, as its processes are configured for it.
 #[derive(Debug, Clone, Args)]
 pub struct Flight {
     /// Ticks of 1 ms, a multiple of ten.

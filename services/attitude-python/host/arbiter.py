@@ -105,7 +105,7 @@ class CommandArbiter:
         self._given = None
         self._kind_changes = False
 
-    def hear(self, record):
+    def take_record(self, record):
         """Takes in an owner record."""
         newest = self._announced[-1] if self._announced else self.record
         if newest and record.epoch <= newest.epoch:
@@ -278,7 +278,7 @@ class SetPoints:
         joins = arbiter.record is None
         records = [owners.before] if joins and owners.before else []
         for sample in (*records, *owners.fresh):
-            arbiter.hear(record_of(owners.value_of(sample)))
+            arbiter.take_record(record_of(owners.value_of(sample)))
         if joins and setpoints.before:
             arbiter.advance(setpoints.before.valid_ns)
             command = self._judge(setpoints, setpoints.before)

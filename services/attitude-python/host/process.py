@@ -149,7 +149,7 @@ class Process:
         label = self._bus.label(self.slot, options.seat)
         self._progress = self._bus.writer(f"progress/{label}", self.samples.Progress)
         self._mark = self.samples.Progress(generation=options.generation, pid=os.getpid())
-        self._has_told = False
+        self._has_reported = False
         self._pipe = self._open_pipe(label)
         self._poll = select.poll()
         self._poll.register(self._pipe, select.POLLIN)
@@ -348,13 +348,13 @@ class Process:
             self.loop.serve_late_joiners()
             self._mark.steps = self.loop.steps
         self._mark.mark_ns = mark_ns
-        self._has_told = True
+        self._has_reported = True
         self._progress.send(self._mark)
 
     def serve_again(self):
         """Gives readers that have just joined what was published before, and repeats the mark: they do not trust
         one from before their ports were open."""
-        if self._has_told:
+        if self._has_reported:
             self._tell_mark(self._mark.mark_ns)
         elif self.loop is not None:
             self.loop.serve_late_joiners()

@@ -293,7 +293,7 @@ class InputRules(unittest.TestCase):
             taken.accept(at_ms * MS, None)
         self.assertEqual(taken.lost, 1, "the one of 7 ms alone")
 
-    def test_a_shadow_is_not_heard(self):
+    def test_a_shadow_is_left_out(self):
         taken = self.input(sample(5, 1), sample(5, 1, seat=1), sample(15, 2, seat=1))
         taken.book = SlotBook()
         taken.book.learn(owner(1, 0, 0))
@@ -315,7 +315,7 @@ class ArbiterRules(unittest.TestCase):
     def arbiter(self, *records):
         made = CommandArbiter(self.LIMITS)
         for record in records:
-            made.hear(record)
+            made.take_record(record)
         return made
 
     def at(self, arbiter, t_ms, *seats, thrust=0.0):
@@ -342,25 +342,25 @@ class ArbiterRules(unittest.TestCase):
         self.assertEqual(self.at(arbiter, 30, 1), (1, 30))
         self.assertEqual(self.at(arbiter, 40, 0), (1, 30), "latched for the epoch")
         self.assertIsNone(self.at(arbiter, 50, 0))
-        arbiter.hear(self.record(2, 60, 0, fallback=1))
+        arbiter.take_record(self.record(2, 60, 0, fallback=1))
         self.assertEqual(self.at(arbiter, 60, 0, 1), (0, 60))
 
     def test_no_other_seat_is_ever_followed(self):
         arbiter = self.arbiter(self.record(1, 0, 0))
         self.assertIsNone(self.at(arbiter, 0, 1, 2, 3))
 
-    def test_a_record_for_an_instant_already_decided_is_refused_and_told(self):
+    def test_a_record_for_an_instant_already_decided_is_refused_and_reported(self):
         arbiter = self.arbiter(self.record(1, 0, 0))
         self.at(arbiter, 20, 0)
-        arbiter.hear(self.record(2, 20, 1))
+        arbiter.take_record(self.record(2, 20, 1))
         self.assertEqual((arbiter.refused_epoch, arbiter.record.epoch), (2, 1))
-        arbiter.hear(self.record(3, 20, 0))  # It changes no hands.
+        arbiter.take_record(self.record(3, 20, 0))  # It changes no hands.
         self.at(arbiter, 21, 0)
         self.assertEqual((arbiter.refused_epoch, arbiter.record.epoch), (2, 3))
 
     def test_a_newer_record_for_an_earlier_instant_voids_those_beyond_it(self):
         arbiter = self.arbiter(self.record(1, 0, 0), self.record(2, 80, 1))
-        arbiter.hear(self.record(3, 40, 2))
+        arbiter.take_record(self.record(3, 40, 2))
         self.at(arbiter, 200)
         self.assertEqual((arbiter.seat, arbiter.record.epoch), (2, 3))
 
@@ -400,11 +400,11 @@ class ArbiterRules(unittest.TestCase):
         arbiter.trip(1, 0, 10 * MS)
         self.assertIsNone(self.at(arbiter, 10, 0), "the fallback has not spoken yet")
         self.assertEqual(arbiter.level(2.0).value, (2.0, 0.0, 0.0, 0.0))
-        arbiter.hear(self.record(2, 20, 0, 1, watched=True))
+        arbiter.take_record(self.record(2, 20, 0, 1, watched=True))
         self.assertEqual(self.at(arbiter, 20, 0, 1), (1, 20), "the same two: the trip still counts")
-        arbiter.hear(self.record(3, 30, 0, 2, watched=True))
+        arbiter.take_record(self.record(3, 30, 0, 2, watched=True))
         self.assertEqual(self.at(arbiter, 30, 0, 1), (0, 30), "another fallback: it begins anew")
-        arbiter.hear(self.record(4, 40, 0, 2, watched=True))
+        arbiter.take_record(self.record(4, 40, 0, 2, watched=True))
         arbiter.advance(40 * MS)
         arbiter.trip(3, 0, 40 * MS)
         self.assertEqual(self.at(arbiter, 40, 0, 2), (2, 40), "a trip of before names the same two")
@@ -420,7 +420,7 @@ class ArbiterRules(unittest.TestCase):
         self.at(arbiter, 0, 0)
         arbiter.trip(1, 0, 10 * MS)
         arbiter.reject(10 * MS)
-        arbiter.hear(self.record(2, 20, 2, 1))
+        arbiter.take_record(self.record(2, 20, 2, 1))
         self.assertIsNone(self.at(arbiter, 20), "what has tripped is not carried over")
         arbiter = self.arbiter(self.record(1, 0, 0, watched=True))
         self.assertEqual(self.at(arbiter, 0, 0), (0, 0))

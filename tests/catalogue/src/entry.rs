@@ -40,7 +40,7 @@ pub enum Fault {
     Spins,
     /// The set point that is reported as tracked is zero.
     ReportsZero,
-    /// Trips of the other slot's owner are not heard, from the first step on; of an attitude controller alone.
+    /// Trips of the other slot's owner are not received, from the first step on; of an attitude controller alone.
     IgnoresTrips,
     /// Each step sleeps for this many periods; for realtime flights only.
     Slow,

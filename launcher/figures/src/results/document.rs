@@ -128,7 +128,7 @@ mod tests {
     fn text_is_text_on_the_page_and_figures_do_not_end_their_element() {
         let mut table = Table::new(["a > b"]);
         table.push(["1 < 2 && 3"]);
-        let page = Document::new("x & y").table(&table).json("told", &"</script>").to_html();
+        let page = Document::new("x & y").table(&table).json("data", &"</script>").to_html();
         assert!(page.contains("<th>a &gt; b</th>"), "{page}");
         assert!(page.contains("<td>1 &lt; 2 &amp;&amp; 3</td>"), "{page}");
         assert!(page.contains("<h1>x &amp; y</h1>") && page.contains("\\u003c/script>"), "{page}");

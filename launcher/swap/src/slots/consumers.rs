@@ -52,7 +52,7 @@ mod tests {
     fn the_last_command_of_a_controller_counts_from_when_the_plant_follows_it() {
         let mut consumers = Consumers::default();
         consumers.take(1, Followed { tripped: true, ..follows(3, 20) });
-        assert_eq!(consumers.take_plant(&follows(0, 10)), None, "it has told nothing");
+        assert_eq!(consumers.take_plant(&follows(0, 10)), None, "it has reported nothing");
         assert_eq!(consumers.flying(), Some(0));
         assert_eq!(consumers.take_plant(&follows(0, 30)), None);
         let kept = consumers.take_plant(&follows(1, 40));

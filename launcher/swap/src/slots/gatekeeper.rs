@@ -334,7 +334,7 @@ mod tests {
     fn an_owner_that_reports_nothing_any_more_excuses_no_candidate() {
         let mut gatekeeper = gatekeeper(true);
         gatekeeper.missed(CANDIDATE, 7 + 4, 1100 * MS);
-        assert_eq!(refused(&gatekeeper), None, "the owner has not told yet");
+        assert_eq!(refused(&gatekeeper), None, "the owner has not reported yet");
         gatekeeper.missed(CANDIDATE, 7 + 4, 1400 * MS);
         assert_eq!(refused(&gatekeeper), Some((4, 1)));
     }

@@ -55,7 +55,7 @@ fn fixes_noisier_than_configured_are_found_and_velocity_does_not_follow_them() {
     };
     let ((as_configured, none), (noisier, some)) = (worst_m_s(1.0), worst_m_s(1.3));
     println!(
-        "velocity error: {as_configured:.4} m/s as told, {noisier:.4} m/s at 1.3 times the noise"
+        "velocity error: {as_configured:.4} m/s as configured, {noisier:.4} m/s at 1.3 times the noise"
     );
     assert!(none == 0 && some > 0, "{none} and {some} alarms");
     assert!(noisier <= 1.3 * as_configured, "{noisier} {as_configured}");

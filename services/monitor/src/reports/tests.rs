@@ -140,7 +140,7 @@ fn a_trip_has_to_be_followed_within_two_periods_if_there_is_a_fallback() {
     assert_eq!(reports.check(&at(2)), None);
     assert_eq!(reports.check(&at(3)), Some(TripCause::TripIgnored));
     let fast = Report { period_ns: 1_000_000, release_ns: trip_ns + FOLLOWED_WITHIN_NS, ..owner };
-    assert_eq!(reports.check(&fast), None, "it may have been told late");
+    assert_eq!(reports.check(&fast), None, "the report may be late");
     let level = |periods: u64| Report { sequence: 0, ..at(periods) };
     assert_eq!(reports.check(&level(3)), None);
     let mut later = reports.clone();

@@ -130,7 +130,7 @@ fn a_port_waits_until_its_full_service_admits_it() {
             let writers = core::iter::from_fn(|| others.bus.writer(&topics::POSE_FIX).ok());
             let writers: Vec<_> = writers.collect();
             send_filled.send(writers.len()).expect("it is waited for");
-            leave.recv().expect("it is told");
+            leave.recv().expect("it is asked to leave");
         });
         assert!(filled.recv().expect("it fills the service") > 0);
         let refused = run.bus.writer(&topics::POSE_FIX).expect_err("it is full");

@@ -152,7 +152,7 @@ fn late_and_lost_samples_are_reported_by_number_at_the_step_without_them() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     bench.arrives(1);
     bench.step();
-    assert_eq!(bench.step(), [], "what has not arrived cannot be told yet");
+    assert_eq!(bench.step(), [], "what has not arrived cannot be reported yet");
     assert_eq!(bench.step(), []);
     // 2 and 3 were due at 1 and 2 ms, 4 is in time.
     (2..=4).for_each(|sequence| bench.arrives(sequence));

@@ -144,7 +144,7 @@ fn a_trusted_owner_needs_no_fallback_and_one_that_is_not_wanted_is_not_kept() {
     let reported = Action::Report(Report::Step(Step::WithoutFallback(SEAT[1])));
     assert!(
         bench.has(|action| *action == reported),
-        "before the flip it is told what a trip will do"
+        "before the flip the message names what a trip will do"
     );
     let record = Bench::watched(config).record();
     assert_eq!((record.owner, record.fallback, record.watched), (SEAT[1], None, true));
