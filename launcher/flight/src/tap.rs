@@ -9,8 +9,9 @@ use shared_types::{
 };
 use simulate::Sinks;
 
-/// For how long a service may admit no more readers \[ns\].
-const ROOM_LIMIT_NS: u64 = 1_000_000_000;
+/// How long the ports of dead launchers may take to be freed \[ns\]: tenths of a second for each launcher, and more on a
+/// busy machine. A launcher that gives up leaves the flight without one.
+pub(crate) const FREED_LIMIT_NS: u64 = 20_000_000_000;
 
 /// One topic's reader with its type forgotten.
 trait TapPort {
@@ -109,7 +110,7 @@ impl Tap {
             let seats = graph.nodes().iter().flat_map(|node| Seat::all(node.role));
             Ok((opener.ports, seats.map(open_seat).collect::<Result<_, PortError>>()?))
         };
-        let give_up_ns = mono_now_ns() + ROOM_LIMIT_NS;
+        let give_up_ns = mono_now_ns() + FREED_LIMIT_NS;
         // A service admits only so many readers, and those of a launcher that has died count until they are freed, here
         // or by the thread that frees what is left of several.
         let (ports, seats) = loop {

@@ -8,6 +8,7 @@ use crate::checkpoint::{Checkpoint, CheckpointError, CheckpointWriter, Of};
 use crate::conductor::Conductor;
 use crate::live::Live;
 use crate::supervisor::{StartedFirst, Supervisor};
+use crate::tap::FREED_LIMIT_NS;
 use document::ScenarioError;
 use protocol::control::SOCKET;
 use protocol::topic::feed::Flying;
@@ -26,8 +27,6 @@ use swap::services::HeldServices;
 use swap::{SlotWatch, Slots};
 use thiserror::Error;
 
-/// How long the dead launcher's ports may take to be freed \[ns\]: milliseconds, unless the machine is busy.
-const SWEEP_LIMIT_NS: u64 = 20_000_000_000;
 /// How long consumers may take to report which seat they follow \[ns\].
 const REPORT_LIMIT_NS: u64 = 300_000_000;
 
@@ -207,7 +206,7 @@ impl Flight {
         // Not before the services are held: those that nothing but the dead hold would vanish with them.
         let leftovers = Leftovers::of(&bus, are_several, takes_all);
         let of = Of { adoptions: checkpoint.of.adoptions + 1, ..checkpoint.of.clone() };
-        let give_up_ns = mono_now_ns() + SWEEP_LIMIT_NS;
+        let give_up_ns = mono_now_ns() + FREED_LIMIT_NS;
         // Services admit only so many readers and writers: as a rule there is room beside the dead launcher's, and if
         // there is none they have to be swept away first.
         let mut supervisor = loop {
