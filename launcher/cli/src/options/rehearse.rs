@@ -22,7 +22,7 @@ pub struct RehearseArguments {
     /// Instant of the flight at which the swap would be asked for
     #[arg(long, value_name = "TIME", value_parser = duration, default_value = "1s")]
     pub at: Duration,
-    /// Selection would take over, for example `attitude=attitude-lqr`; behind it may stand ,config=FILE
+    /// Controller that would take over, for example `attitude=attitude-lqr`; behind it may stand ,config=FILE
     #[arg(long, value_name = "SLOT=NAME", required_unless_present = "spec")]
     pub swap: Option<String>,
     /// Seed of everything random
@@ -32,7 +32,7 @@ pub struct RehearseArguments {
     /// Any key of the scenario, for example `rehearsal.owner_scale=2`
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Selection fills a slot before, for example `attitude=attitude-lqr`
+    /// Controller that fills a slot before, for example `attitude=attitude-lqr`
     #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
     pub controller: Vec<String>,
     /// Number of the swap within the run, from which the draws follow

@@ -35,7 +35,7 @@ pub struct ScenarioArguments {
     /// Rate of one loop, for example `attitude-mpc=500`
     #[arg(long, value_name = "NAME=HZ")]
     pub rate: Vec<String>,
-    /// Selection fills a slot, for example `attitude=attitude-lqr`; `check` names them
+    /// Controller that fills a slot, for example `attitude=attitude-lqr`; `check` names them
     #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
     pub controller: Vec<String>,
     /// Any key of the scenario, for example `start.morph_angle_deg=120`

@@ -66,7 +66,7 @@ pub(crate) struct RandomArguments {
     /// Which members, both ends included: `1..150`; up to 15 of them if quick
     #[arg(long, value_name = "FIRST..LAST", default_value = "1..150", value_parser = seeds)]
     pub(crate) seeds: Box<[u64]>,
-    /// Selection fills a slot in all of them, for example `position=position-pid`
+    /// Controller that fills a slot in all of them, for example `position=position-pid`
     #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
     pub(crate) controller: Vec<String>,
     /// Any key of the scenario in all of them, for example `pilot.period_s=6`
@@ -83,7 +83,7 @@ pub(crate) struct TimingArguments {
     pub(crate) scenario: String,
     #[command(flatten)]
     pub(crate) out: StudyOutput,
-    /// Selection fills a slot in all flights, for example `position=position-pid`
+    /// Controller that fills a slot in all flights, for example `position=position-pid`
     #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
     pub(crate) controller: Vec<String>,
     /// Any key of the scenario in all flights, for example `attitude_mpc.rate_hz=200`

@@ -1,4 +1,4 @@
-//! Samples that came too late to be followed: the record that ends their seat came late, and they came later still.
+//! Samples that came too late to be followed: the record that ends their seat came late, and so did they.
 
 use crate::ownership::SlotBook;
 use shared_types::{Header, SEATS};
@@ -35,9 +35,9 @@ impl LeftOut {
         self.ranges = [None; SEATS];
     }
 
-    /// Takes note of a sample that does not count any more, if it would have counted at its step; `in_effect` is true if
-    /// it was due by the step at an instant.
-    pub(super) fn is_late(&mut self, header: &Header, in_effect: impl Fn(u64) -> bool) -> bool {
+    /// Takes note of a sample that does not count any more, and returns true, if it would have counted at its step;
+    /// `in_effect` is true if it was due by the step at an instant.
+    pub(super) fn note(&mut self, header: &Header, in_effect: impl Fn(u64) -> bool) -> bool {
         let Header { seat, generation, sequence, valid_ns: due_ns, .. } = *header;
         let counted =
             |(book, until_ns): (SlotBook, u64)| in_effect(until_ns) && book.counts(seat, due_ns);

@@ -260,7 +260,7 @@ impl<T: Sample> Input<T> {
             if self.slot.is_some_and(|slot| !slot.counts(header.seat, header.valid_ns)) {
                 let edge = &self.edge;
                 let in_effect = |t_ns| is_in_effect(edge.as_ref(), header.valid_ns, t_ns);
-                self.counts.late += u64::from(self.left_out.is_late(&header, in_effect));
+                self.counts.late += u64::from(self.left_out.note(&header, in_effect));
                 self.pending.pop_front();
                 continue;
             }
