@@ -167,51 +167,63 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
 /// Loops without which nothing commands; they have one seat, and the one that is taken of several.
 const LOST: [&str; 4] = ["estimator", "attitude-mpc", "position-mpc", "pilot"];
 
-/// If a launcher dies as it takes over, the next one ends the processes that it has started, and announces its own to
-/// the flight.
+/// The one process of each of these loops that runs, without those that were killed.
+fn one_of_each_lost(run: &str, killed: &[u32]) -> Result<[u32; 4], String> {
+    let processes = processes_of(run);
+    let mut found = [0; 4];
+    for (found, name) in found.iter_mut().zip(LOST) {
+        let of_name = processes.iter().filter(|p| p.arguments[0] == name).map(|p| p.pid);
+        let pids: Vec<u32> = of_name.filter(|pid| !killed.contains(pid)).collect();
+        let [pid] = pids[..] else { return Err(format!("{name}: {pids:?}")) };
+        *found = pid;
+    }
+    Ok(found)
+}
+
+/// If a launcher dies as it takes over, the next one ends the processes that it has started and not yet led on, starts
+/// others, and announces these to the flight. Those that it has led on fly on.
 #[test]
 fn what_dies_without_a_launcher_is_started_once_however_many_take_over() {
     let running = slowly(&["--for", "60s"]);
     let run = running.id().to_owned();
     running.kill_launcher();
-    let mut gone: Vec<u32> = LOST.map(|name| running.signal(name, Signal::KILL)).to_vec();
-    let started = |gone: &[u32]| {
-        LOST.map(|name| {
-            let of_name = || processes_of(&run).into_iter().filter(|p| p.arguments[0] == name);
-            wait_for(name, || {
-                let pids: Vec<u32> =
-                    of_name().map(|p| p.pid).filter(|pid| !gone.contains(pid)).collect();
-                if let [pid] = pids[..] { Ok(pid) } else { Err(format!("{pids:?}")) }
-            })
-        })
-    };
+    let killed = LOST.map(|name| running.signal(name, Signal::KILL));
     let mut first = Adopter::start(&run);
-    gone.extend(started(&gone));
+    let of_first = wait_for("the first starts them", || one_of_each_lost(&run, &killed));
     first.0.kill().expect("it leads");
     first.0.wait().expect("it ends");
     let adopter = Adopter::start(&run);
-    let flown_s = || ps(&run).and_then(|status| status["flown_s"].as_f64()).unwrap_or(0.0);
-    let pids = started(&gone);
-    let run_now = || -> Option<bool> {
-        let status = ps(&run)?;
-        let processes = status["processes"].as_array()?;
+    // Once the second leads, one process of each loop runs, and the flight knows this one.
+    let running_and_flown = || -> Result<([u32; 4], f64), String> {
+        let status = ps(&run).ok_or("no launcher answers")?;
+        let pids = one_of_each_lost(&run, &killed)?;
+        let processes = status["processes"].as_array().ok_or("no processes")?;
         let runs = |pid: u32| {
             let mut of_pid = processes.iter().filter(|p| p["pid"] == pid);
             of_pid.any(|p| p["state"] == "running" || p["state"] == "owner")
         };
-        Some(pids.into_iter().all(runs))
+        let is_led = status["launcher_pid"] == adopter.0.id();
+        match status["flown_s"].as_f64() {
+            Some(flown_s) if is_led && pids.into_iter().all(runs) => Ok((pids, flown_s)),
+            _ => Err(format!("{pids:?} {status}")),
+        }
     };
-    wait_for("they run", || match run_now() {
-        Some(true) => Ok(()),
-        _ => Err(format!("{:?}", ps(&run))),
+    let (pids, ran_s) = wait_for("they run", running_and_flown);
+    wait_for("the same ones fly on", || match running_and_flown()? {
+        (now, flown_s) if now != pids || flown_s > ran_s + 0.05 => {
+            assert_eq!(now, pids, "none is started twice");
+            Ok(())
+        }
+        (_, flown_s) => Err(format!("{flown_s} s")),
     });
-    let ran_s = flown_s();
-    wait_until("every loop flies on", || flown_s() > ran_s + 0.05);
-    assert_eq!((started(&gone), run_now()), (pids, Some(true)));
     assert!(kill(adopter.0.id(), Signal::INT));
     let (code, summary, stderr) = adopter.end();
     assert_eq!(code, Some(130), "{summary} {stderr}");
-    assert!(stderr.contains("estimator has died while the flight had no launcher"), "{stderr}");
+    for ((name, pid), of_first) in LOST.into_iter().zip(pids).zip(of_first) {
+        let text = format!("{name} has died while the flight had no launcher");
+        let is_slot = name.ends_with("-mpc");
+        assert!(is_slot || stderr.contains(&text) == (pid != of_first), "{name}: {stderr}");
+    }
     assert_eq!(summary["restarts"], 0, "{summary} {stderr}");
     assert_nothing_left(&run);
 }
