@@ -144,14 +144,25 @@ impl Exceptions {
     /// What a process published and had no time to announce, before it was killed, reaches the readers from its
     /// successor, which publishes it again with the same number; the recorder keeps the first copy alone. Here such
     /// samples become the successor's, for a reader that had them from there.
+    ///
+    /// One that joined had such a copy before its first step without its number being reported: that is the last sample
+    /// of the one before, if the successor's own samples follow it.
     fn attribute<T: Sample>(&self, by_writer: &mut BTreeMap<Writer, Vec<T>>) {
-        for (&writer, &first) in self.first.iter().filter(|(_, first)| **first > 0) {
+        for (&writer, &first) in &self.first {
             let begins = by_writer.get(&writer).and_then(|samples| samples.first());
             let begins = begins.map_or(u64::MAX, |sample| sample.header().sequence);
             let before = Writer { generation: 0, ..writer }..writer;
             let Some((known, samples)) = by_writer.range_mut(before).next_back() else { continue };
-            let Some(&last) = self.last.get(known) else { continue };
-            let at = samples.partition_point(|s| s.header().sequence < first.max(last + 1));
+            let follows = samples.last().is_some_and(|last| {
+                begins == u64::MAX || last.header().sequence.checked_add(1) == Some(begins)
+            });
+            let at = match self.last.get(known) {
+                Some(&last) if first > 0 => {
+                    samples.partition_point(|s| s.header().sequence < first.max(last + 1))
+                }
+                None if first == 0 && follows => samples.len() - 1,
+                _ => continue,
+            };
             let mut copies = samples.split_off(at);
             copies.retain_mut(|sample| {
                 sample.header_mut().generation = writer.generation;

@@ -204,6 +204,38 @@ fn a_copy_that_only_the_recorder_had_of_a_killed_writer_comes_from_its_successor
 }
 
 #[test]
+fn one_that_joined_had_the_copy_of_a_killed_writer_from_its_successor_before_its_first_step() {
+    let slot = &topics::WRENCH_COMMAND.info;
+    let began = Deviation {
+        input: Deviation::input_from(slot.name),
+        writer_generation: 1,
+        ..deviation(DeviationKind::Began, 3, 0, 0)
+    };
+    let of = |generation, sequence| {
+        let valid_ns = sequence * MS;
+        let header =
+            Header { generation, sequence, valid_ns, release_ns: valid_ns, ..Header::default() };
+        WrenchCommand { header, ..WrenchCommand::default() }
+    };
+    let played = |recorded: &[WrenchCommand]| {
+        let mut source = TapeSource::new(
+            recorded,
+            slot,
+            Edge::unwaited(slot, Role::Plant),
+            Exceptions::of(slot, [began].iter()),
+            Arrival { at_ns: Some(3 * MS), blank: true, in_flight: true, in_order: false },
+            Rc::new(Cell::new(8 * MS)),
+        );
+        let played = core::iter::from_fn(|| source.receive());
+        played.map(|s| (s.header.generation, s.header.sequence)).collect::<Vec<_>>()
+    };
+    assert_eq!(played(&[of(0, 1), of(0, 2), of(1, 3)]), [(1, 2), (1, 3)]);
+    assert_eq!(played(&[of(0, 1), of(0, 2)]), [(1, 2)], "it was killed as well");
+    // A candidate on a seat that another one had before counts from 1.
+    assert_eq!(played(&[of(0, 2), of(1, 1), of(1, 4)]), [(1, 1), (1, 4)]);
+}
+
+#[test]
 fn what_a_writer_publishes_for_instants_before_it_had_its_seat_does_not_count() {
     let slot = &topics::WRENCH_COMMAND.info;
     let sample = |sequence| {
