@@ -13,25 +13,26 @@ use shared_types::{Deviation, DeviationKind, Header, Role, SEATS, Sample, Seat, 
 /// Inputs of one loop that are waited for; no loop has more.
 const MAX_AWAITED: usize = 8;
 
-/// Roles that a number can distinguish.
-const ROLE_RADIX: u32 = 8;
+/// Roles, and seats of a role, that a number can distinguish.
+const RADIX: (u32, u32) = (8, 4);
+const _: () = assert!(Role::STEPPING.len() < RADIX.0 as usize && SEATS <= RADIX.1 as usize);
 
 /// Identifies a loop on topics that all loops write: role and seat.
 pub(crate) fn loop_number(seat: Seat) -> u32 {
-    seat.index.wrapping_mul(ROLE_RADIX).wrapping_add(seat.role.0)
+    seat.index.wrapping_mul(RADIX.0).wrapping_add(seat.role.0)
 }
 
 /// Identifies one life of a process on topics that all processes write: role, seat and generation.
 /// Each life counts for itself, so that a successor's numbers are not taken for repetitions.
 #[must_use]
 pub fn life_number(seat: Seat, generation: u32) -> u32 {
-    generation.wrapping_mul(ROLE_RADIX << 2).wrapping_add(loop_number(seat))
+    generation.wrapping_mul(RADIX.0 * RADIX.1).wrapping_add(loop_number(seat))
 }
 
 /// Seat that a number of either kind contains.
 #[must_use]
 pub fn seat_of_loop(number: u32) -> u32 {
-    number / ROLE_RADIX % 4
+    number / RADIX.0 % RADIX.1
 }
 
 /// Writes deviations of one step.
