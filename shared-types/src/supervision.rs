@@ -16,7 +16,7 @@ code! {
         Attitude = 3,
         /// Disturbance injector.
         Disturbance = 4,
-        /// Reference and morph schedule, inside the launcher.
+        /// Reference and morph schedule.
         Pilot = 5,
         /// Judge of owners that have not proven themselves.
         Monitor = 6,
@@ -276,6 +276,6 @@ sample! {
         pub catches_up: Flag,
         /// By [`Seat::number`], generation of the first process whose samples are taken. Whether
         /// samples of one that has gone before would still arrive depends on chance.
-        pub heard_from: [u32; Seat::COUNT],
+        pub first_generations: [u32; Seat::COUNT],
     }
 }

@@ -35,7 +35,7 @@ pub(super) fn run(arguments: &RehearseArguments, out: &mut dyn Write) -> Done {
         Format::Json => line(&outcome, out)?,
         Format::Text => {
             let grade = if outcome.accepted { "ACCEPTED" } else { "REFUSED" };
-            writeln!(out, "{grade}  {}", outcome.words)?;
+            writeln!(out, "{grade}  {}", outcome.message)?;
             if let Some(figures) = outcome.measured() {
                 write!(out, "{}", table(figures))?;
             }

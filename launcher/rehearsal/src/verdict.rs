@@ -146,7 +146,7 @@ pub struct Verdict {
     /// True if the candidate may fly.
     pub accepted: bool,
     /// Verdict and reason as a sentence without its full stop.
-    pub words: String,
+    pub message: String,
     /// Why the candidate may not fly; `None` if it is accepted.
     pub refusal: Option<RehearsalRefusal>,
     /// Everything that was measured, if the candidate is accepted; a refusal carries its own figures.
@@ -170,20 +170,20 @@ impl Verdict {
                         figure.challenge.description()
                     )
                 });
-                let words = format!("{candidate} can fly in place of {owner}{closest}");
+                let message = format!("{candidate} can fly in place of {owner}{closest}");
                 Self {
                     candidate,
                     owner,
                     accepted: true,
-                    words,
+                    message,
                     refusal: None,
                     figures: Some(figures),
                 }
             }
             Err(refusal) => {
-                let words = format!("{candidate} {refusal}");
+                let message = format!("{candidate} {refusal}");
                 let refusal = Some(*refusal);
-                Self { candidate, owner, accepted: false, words, refusal, figures: None }
+                Self { candidate, owner, accepted: false, message, refusal, figures: None }
             }
         }
     }

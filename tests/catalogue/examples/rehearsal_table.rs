@@ -121,7 +121,7 @@ impl Table {
         cells.entry(flight).or_default()[usize::from(verdict.accepted)] += 1;
         let (slot, at_s) = (slot.label(), snapshot.at_ns as f64 / 1e9);
         if verdict.accepted != is_good || self.raw {
-            let message = &verdict.words;
+            let message = &verdict.message;
             println!(
                 "{slot} {flight} seed {seed} at {at_s} {label} ({law} for {owner}): {message}"
             );

@@ -53,7 +53,7 @@ impl Supervisor {
                 let left_without_hello = !post.ready && !post.scripted;
                 let exit_reason = left_without_hello.then(|| {
                     let (name, last_stderr) = (post.spec.name.clone(), last_stderr);
-                    format!("{name} exited with status 0 before it said hello{last_stderr}")
+                    format!("{name} exited with status 0 before it was ready{last_stderr}")
                 });
                 self.leave_registry(place, tap);
                 self.events.push(PostEvent::Gone { place, exit_reason });

@@ -168,13 +168,13 @@ fn the_refusal_of_a_tumbling_vehicle_names_challenge_time_number_and_limit() {
     let expected = "my-controller would lose the vehicle 0.52 s after a kick in roll: tilt 60.0 deg, limit 60.0 deg";
     // π/3 at 2 rad/s is reached 0.5236 s after the kick and seen at the next millisecond, when the next kick
     // has begun, so that the time in the message is not compared.
-    assert!(verdict.words.contains("would lose the vehicle"), "{}", verdict.words);
+    assert!(verdict.message.contains("would lose the vehicle"), "{}", verdict.message);
     assert!(
-        verdict.words.contains("tilt 60.") && verdict.words.contains("limit 60.0 deg"),
+        verdict.message.contains("tilt 60.") && verdict.message.contains("limit 60.0 deg"),
         "{expected}"
     );
     let Some(RehearsalRefusal::Lost { lost: Lost::Tilted { .. }, .. }) = verdict.refusal else {
-        panic!("{}", verdict.words)
+        panic!("{}", verdict.message)
     };
 }
 
@@ -182,9 +182,9 @@ fn the_refusal_of_a_tumbling_vehicle_names_challenge_time_number_and_limit() {
 fn an_error_beyond_the_owners_share_is_refused_with_number_and_limit() {
     let owner = track(|_| 0.03, 0.02);
     let verdict = judged(&track(|_| 0.15, 0.02), &owner);
-    assert!(!verdict.accepted, "{}", verdict.words);
+    assert!(!verdict.accepted, "{}", verdict.message);
     for word in ["attitude error", "deg, limit", "owner 1.7 deg"] {
-        assert!(verdict.words.contains(word), "{word}: {}", verdict.words);
+        assert!(verdict.message.contains(word), "{word}: {}", verdict.message);
     }
     assert!(judged(&track(|_| 0.031, 0.02), &owner).accepted);
 }
@@ -193,7 +193,11 @@ fn an_error_beyond_the_owners_share_is_refused_with_number_and_limit() {
 fn a_position_controller_that_turns_off_the_references_heading_is_refused() {
     let owner = track(|_| 0.0, 0.02);
     let verdict = judged_in(Slot::Position, &turned(|_| 0.0, 0.02, 0.5), &owner);
-    assert!(verdict.words.contains("heading error 28.6 deg, limit 8.0 deg"), "{}", verdict.words);
+    assert!(
+        verdict.message.contains("heading error 28.6 deg, limit 8.0 deg"),
+        "{}",
+        verdict.message
+    );
     assert!(judged_in(Slot::Position, &turned(|_| 0.0, 0.02, -0.1), &owner).accepted);
 }
 
@@ -208,7 +212,7 @@ fn a_vehicle_for_which_the_actuation_guard_takes_over_counts_as_lost() {
     let mut silent = track(|_| 0.0, 0.0);
     silent.unguided(0.9);
     let verdict = judged(&silent, &track(|_| 0.0, 0.0));
-    assert!(verdict.words.contains("actuation guard took over"), "{}", verdict.words);
+    assert!(verdict.message.contains("actuation guard took over"), "{}", verdict.message);
     // Before the flip the owner commands, so that it is not the candidate's fault.
     let mut early = track(|_| 0.0, 0.0);
     early.unguided(0.05);
@@ -220,7 +224,7 @@ fn a_command_that_is_not_a_number_is_refused_and_its_verdict_survives_json() {
     let mut nan = track(|_| 0.0, 0.0);
     nan.commanded(2.95, [1.0, f64::NAN, 0.0, 0.0]);
     let verdict = judged(&nan, &track(|_| 0.0, 0.0));
-    assert!(!verdict.accepted, "{}", verdict.words);
+    assert!(!verdict.accepted, "{}", verdict.message);
     let json = serde_json::to_string(&verdict).unwrap();
     assert_eq!(serde_json::from_str::<Verdict>(&json).unwrap(), verdict);
 }

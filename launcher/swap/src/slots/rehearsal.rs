@@ -134,7 +134,7 @@ impl Slots {
                 self.orders.show_failure(slot, course.to_vec());
             }
             let verdict = match verdict.refusal {
-                None => Ok(verdict.words),
+                None => Ok(verdict.message),
                 Some(Refused::NotRehearsed { why }) => Err(RehearsalRefusal::NotRehearsed(why)),
                 Some(refusal) => Err(RehearsalRefusal::Fails(format!("it {refusal}"))),
             };

@@ -119,7 +119,7 @@ pub(crate) trait Parts {
     fn receive_if_moved(&mut self, moved: Roles);
     fn skip_until(&mut self, t_ns: u64);
     fn knows_until(&mut self, t_ns: u64);
-    fn take_from(&mut self, heard_from: &[u32; Seat::COUNT]);
+    fn take_from(&mut self, first_generations: &[u32; Seat::COUNT]);
     /// See [`Service::skip`].
     fn skip(&mut self, left_out: u64);
     /// See [`Service::quiet_until_ns`].
@@ -163,8 +163,8 @@ impl<S: Service> Parts for Typed<S> {
     fn knows_until(&mut self, t_ns: u64) {
         self.inputs.knows_until(t_ns);
     }
-    fn take_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
-        self.inputs.take_from(heard_from);
+    fn take_from(&mut self, first_generations: &[u32; Seat::COUNT]) {
+        self.inputs.take_from(first_generations);
     }
     fn skip(&mut self, left_out: u64) {
         self.service.skip(left_out);

@@ -251,7 +251,7 @@ impl Executor {
         if order.has_state.is_set() {
             self.restore(state)?;
         }
-        self.take_from(&order.heard_from);
+        self.take_from(&order.first_generations);
         if order.catches_up.is_set() {
             self.catch_up();
         }
@@ -261,9 +261,9 @@ impl Executor {
         Ok(())
     }
 
-    /// Leaves out samples of processes that had gone when this one began, see [`Handover::heard_from`].
-    pub fn take_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
-        self.component.parts().take_from(heard_from);
+    /// Leaves out samples of processes that had gone when this one began, see [`Handover::first_generations`].
+    pub fn take_from(&mut self, first_generations: &[u32; Seat::COUNT]) {
+        self.component.parts().take_from(first_generations);
     }
 
     /// Lets a component that shadows begin behind time and run what it has missed.

@@ -124,11 +124,11 @@ impl SeatMarks {
     pub fn name_writers(&self, order: Handover, state: &[u8]) -> Handover {
         let head = StateHeader::of(state);
         let begins_ns = order.join_ns.max(head.map_or(0, |head| head.release_ns));
-        Handover { heard_from: self.heard_from(begins_ns), ..order }
+        Handover { first_generations: self.first_generations(begins_ns), ..order }
     }
 
-    fn heard_from(&self, t_ns: u64) -> [u32; Seat::COUNT] {
-        let mut heard_from = [0; Seat::COUNT];
+    fn first_generations(&self, t_ns: u64) -> [u32; Seat::COUNT] {
+        let mut first_generations = [0; Seat::COUNT];
         for seat in Role::STEPPING.into_iter().flat_map(Seat::all) {
             let (Some(number), Some(generation)) = (seat.number(), self.generation(seat)) else {
                 continue;
@@ -138,9 +138,9 @@ impl SeatMarks {
             // The record of a newcomer may not be written yet.
             let has_flown = self.of_seat(seat, generation) > 0;
             let has_gone = self.has_left[number] || has_flown && !is_taken;
-            heard_from[number] = generation.saturating_add(u32::from(has_gone));
+            first_generations[number] = generation.saturating_add(u32::from(has_gone));
         }
-        heard_from
+        first_generations
     }
 
     /// Takes in the registry: a process that has left is not waited for, and one that comes after it begins anew.
@@ -362,22 +362,26 @@ mod tests {
         };
         seats.learn_registry(&[entry(0, 3, true), entry(1, 1, true), entry(2, 5, false)]);
         flies(&mut seats, 1, 1);
-        let heard_from = |seats: &SeatMarks, t_ms: u64| {
+        let first_generations = |seats: &SeatMarks, t_ms: u64| {
             let order = Handover { join_ns: t_ms * MS, ..Handover::default() };
-            let named = seats.name_writers(order, &[]).heard_from;
+            let named = seats.name_writers(order, &[]).first_generations;
             assert_eq!(named[Seat::first(Role::Plant).number().unwrap()], 0);
             [0, 1, 2, 3].map(|index| named[Seat { role: Role::Attitude, index }.number().unwrap()])
         };
-        assert_eq!(heard_from(&seats, 99), [3, 1, 6, 0]);
-        assert_eq!(heard_from(&seats, 100), [3, 2, 6, 0], "its seat is free from then on");
+        assert_eq!(first_generations(&seats, 99), [3, 1, 6, 0]);
+        assert_eq!(first_generations(&seats, 100), [3, 2, 6, 0], "its seat is free from then on");
         seats.learn_registry(&[entry(2, 6, true)]);
         seats.advance(Role::Attitude, 2, 6, u64::MAX);
-        assert_eq!(heard_from(&seats, 99), [3, 1, 6, 0], "one that has finished is still there");
+        assert_eq!(
+            first_generations(&seats, 99),
+            [3, 1, 6, 0],
+            "one that has finished is still there"
+        );
         seats.learn_registry(&[entry(1, 2, true)]);
-        assert_eq!(heard_from(&seats, 100), [3, 2, 6, 0], "its record is still to come");
+        assert_eq!(first_generations(&seats, 100), [3, 2, 6, 0], "its record is still to come");
         let back = record(3, 200, 0, NO_SEAT);
         seats.book(Role::Attitude).unwrap().learn(&back);
         flies(&mut seats, 1, 2);
-        assert_eq!(heard_from(&seats, 150), [3, 2, 6, 0], "its record takes effect later");
+        assert_eq!(first_generations(&seats, 150), [3, 2, 6, 0], "its record takes effect later");
     }
 }

@@ -141,7 +141,7 @@ fn every_shipped_controller_may_replace_every_other() {
                 let scenario = Scenario::load(flight, &[assignment]).unwrap();
                 for candidate in names_for(slot.role()) {
                     let result = verdict(spec(&scenario, at_s, slot, candidate), &mut || true);
-                    assert!(result.accepted, "{flight}, {owner}: {}", result.words);
+                    assert!(result.accepted, "{flight}, {owner}: {}", result.message);
                 }
             }
         }
@@ -168,8 +168,8 @@ fn a_rehearsal_refuses_controllers_that_would_lose_the_vehicle() {
                 continue;
             }
             let result = rehearsed(spec(&scenario, 2.0, slot, law), &entry);
-            assert!(!result.accepted, "{} {}: {}", slot.label(), entry.name(), result.words);
-            assert!(result.words.contains("after "), "{}", result.words);
+            assert!(!result.accepted, "{} {}: {}", slot.label(), entry.name(), result.message);
+            assert!(result.message.contains("after "), "{}", result.message);
         }
     }
 }
@@ -186,18 +186,18 @@ fn a_rehearsal_refuses_an_attitude_controller_that_ignores_trips() {
         verdict(RehearsalSpec { config: Some(config.clone()), ..spec }, &mut || true)
     };
     let bad = flown_with(Fault::IgnoresTrips);
-    assert!(matches!(bad.refusal, Some(RehearsalRefusal::TripIgnored { .. })), "{}", bad.words);
+    assert!(matches!(bad.refusal, Some(RehearsalRefusal::TripIgnored { .. })), "{}", bad.message);
     let good = flown_with(Fault::Nothing);
-    assert!(good.accepted, "{}", good.words);
+    assert!(good.accepted, "{}", good.message);
 
     // The one that flies may be an executable too.
     let spec = spec(&scenario, 2.0, Slot::Attitude, "attitude-mpc");
     let owner = Some((env!("CARGO_BIN_EXE_catalogue").to_owned(), Some(config.clone())));
     let result = verdict(RehearsalSpec { owner, ..spec }, &mut || true);
     assert!(
-        result.words.starts_with("attitude-mpc can fly in place of catalogue"),
+        result.message.starts_with("attitude-mpc can fly in place of catalogue"),
         "{}",
-        result.words
+        result.message
     );
 }
 
@@ -219,13 +219,13 @@ fn a_rehearsal_that_runs_out_of_time_is_reported_as_not_rehearsed() {
         looks < 5
     };
     let result = verdict(spec(&scenario, 2.0, Slot::Attitude, "attitude-lqr"), &mut go_on);
-    assert!(!result.accepted, "{}", result.words);
+    assert!(!result.accepted, "{}", result.message);
     assert!(
         matches!(result.refusal, Some(RehearsalRefusal::NotRehearsed { .. })),
         "{}",
-        result.words
+        result.message
     );
-    assert!(result.words.contains("not rehearsed") && result.words.contains("wall_max_s"));
+    assert!(result.message.contains("not rehearsed") && result.message.contains("wall_max_s"));
 }
 
 #[test]
@@ -237,7 +237,7 @@ fn a_vehicle_under_the_actuation_guard_is_not_rehearsed() {
     assert!(
         matches!(result.refusal, Some(RehearsalRefusal::NotRehearsed { .. })),
         "{}",
-        result.words
+        result.message
     );
 }
 

@@ -133,7 +133,7 @@ pub struct Input<T> {
     /// comes again as history.
     known_until_ns: Option<u64>,
     /// Of each seat: generation of the first process whose samples are taken.
-    heard_from: [u32; SEATS],
+    first_generations: [u32; SEATS],
     /// Of a slot: which seats' samples count when. No loop waits for the others, so their arrival
     /// depends on chance, and they are left out.
     slot: Option<SlotBook>,
@@ -169,7 +169,7 @@ impl<T: Sample> Default for Input<T> {
             ignored: [false; SEATS],
             ignored_before: [false; SEATS],
             known_until_ns: None,
-            heard_from: [0; SEATS],
+            first_generations: [0; SEATS],
             slot: None,
             left_out: LeftOut::default(),
             book: SlotBook::default(),
@@ -213,11 +213,12 @@ impl<T: Sample> Input<T> {
         self.learn(sample);
         let header = sample.header();
         let seat = usize::try_from(header.seat).unwrap_or(SEATS);
-        let (Some(newest), Some(heard_from)) = (self.newest.get(seat), self.heard_from.get(seat))
+        let (Some(newest), Some(first_generation)) =
+            (self.newest.get(seat), self.first_generations.get(seat))
         else {
             return;
         };
-        if header.generation < *heard_from {
+        if header.generation < *first_generation {
             return;
         }
         // What a seat publishes after its last known sample is new, however late it arrives. For a
@@ -326,17 +327,17 @@ impl<T: Sample> Input<T> {
     }
 
     /// Leaves out samples of processes that had gone when this one began, see
-    /// [`Handover::heard_from`](shared_types::Handover::heard_from).
-    pub fn take_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
+    /// [`Handover::first_generations`](shared_types::Handover::first_generations).
+    pub fn take_from(&mut self, first_generations: &[u32; Seat::COUNT]) {
         let Some(role) = self.edge.map(|edge| edge.from) else { return };
-        for (index, from) in (0..).zip(&mut self.heard_from) {
-            *from = Seat { role, index }.number().map_or(0, |number| heard_from[number]);
+        for (index, first) in (0..).zip(&mut self.first_generations) {
+            *first = Seat { role, index }.number().map_or(0, |number| first_generations[number]);
         }
     }
 
     /// True if nothing follows any more from a process that had already gone when this one began.
     pub(crate) fn has_gone(&self, seat: usize, generation: u32) -> bool {
-        self.heard_from.get(seat).is_some_and(|from| generation < *from)
+        self.first_generations.get(seat).is_some_and(|first| generation < *first)
     }
 
     /// What had arrived and was in effect at `t_ns` was taken in before a restore: history that repeats it is ignored.

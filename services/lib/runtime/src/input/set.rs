@@ -70,7 +70,7 @@ pub trait InputSet: Default {
     /// See [`Input::knows_until`].
     fn knows_until(&mut self, t_ns: u64);
     /// See [`Input::take_from`].
-    fn take_from(&mut self, heard_from: &[u32; Seat::COUNT]);
+    fn take_from(&mut self, first_generations: &[u32; Seat::COUNT]);
     /// See [`Input::learn_owners`].
     fn learn_owners(&mut self, role: Role, slot: &SlotBook, previous_ns: Option<u64>);
 }
@@ -168,9 +168,9 @@ macro_rules! inputs {
                 $(self.$field.learn_owners(role, slot, previous_ns);)*
                 let _ = (role, slot, previous_ns);
             }
-            fn take_from(&mut self, heard_from: &[u32; ::shared_types::Seat::COUNT]) {
-                $(self.$field.take_from(heard_from);)*
-                let _ = heard_from;
+            fn take_from(&mut self, first_generations: &[u32; ::shared_types::Seat::COUNT]) {
+                $(self.$field.take_from(first_generations);)*
+                let _ = first_generations;
             }
             fn knows_until(&mut self, t_ns: u64) {
                 $(self.$field.knows_until(t_ns);)*

@@ -286,9 +286,9 @@ fn what_arrives_late_is_new_to_a_loop_that_joined_or_was_restored_in_between() {
 #[test]
 fn samples_of_a_process_that_had_gone_are_left_out() {
     let (mut input, queue) = input(false);
-    let mut heard_from = [0; Seat::COUNT];
-    heard_from[Seat { role: Role::Plant, index: 0 }.number().expect("a seat")] = 2;
-    input.take_from(&heard_from);
+    let mut first_generations = [0; Seat::COUNT];
+    first_generations[Seat { role: Role::Plant, index: 0 }.number().expect("a seat")] = 2;
+    input.take_from(&first_generations);
     for (sequence, generation) in [(1, 0), (2, 1), (3, 2), (4, 3)] {
         let header = Header { valid_ns: sequence, sequence, generation, ..Header::default() };
         queue.0.borrow_mut().push_back(Imu { header, ..Imu::default() });
