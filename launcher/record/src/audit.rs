@@ -1,8 +1,10 @@
-//! Counts what was recorded per topic and seat, from sequence numbers alone.
+//! Counts what was recorded per topic and seat, by sequence numbers.
 
-use shared_types::Header;
+use shared_types::wire::{Field, FieldClass, Visitor, Wire};
+use shared_types::{Header, Sample, TopicInfo};
 use std::collections::BTreeMap;
 use std::fmt;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
 /// Totals of one producer seat of one topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -25,6 +27,8 @@ pub struct Tally {
     last_release_ns: u64,
     /// Generation of its writer.
     generation: u32,
+    /// Its [`content`].
+    content: u64,
 }
 
 impl fmt::Display for Tally {
@@ -65,11 +69,19 @@ impl SequenceAudit {
     /// Takes note of a sample.
     ///
     /// A number that does not grow is a repetition, unless its logical time does grow: then the
-    /// producer lost its count, and dropping its samples would lose data.
-    pub fn observe(&mut self, Stream(stream): Stream, header: &Header) -> SequenceCheck {
+    /// producer lost its count, and dropping its samples would lose data. A restarted process whose last step is another
+    /// one now, because a process that it reads has died too, repeats nothing: some followed it, and some the one before.
+    pub fn observe(
+        &mut self,
+        Stream(stream): Stream,
+        header: &Header,
+        content: u64,
+    ) -> SequenceCheck {
         let Header { seat, sequence, release_ns, generation, .. } = *header;
         let Some((_, seats)) = self.streams.get_mut(stream) else { return SequenceCheck::New };
         let tally = seats.entry(seat).or_default();
+        let is_another =
+            sequence == tally.last && generation > tally.generation && content != tally.content;
         if tally.count == 0 {
             (tally.first, tally.writers) = (sequence, 1);
         } else if sequence > tally.last {
@@ -79,7 +91,7 @@ impl SequenceAudit {
             tally.gaps = tally.gaps.saturating_add(lost);
         } else if release_ns > tally.last_release_ns {
             tally.renumbered += 1;
-        } else {
+        } else if !is_another {
             tally.repeated += 1;
             return SequenceCheck::Repeated;
         }
@@ -88,6 +100,7 @@ impl SequenceAudit {
         tally.last = sequence;
         tally.last_release_ns = release_ns;
         tally.generation = generation;
+        tally.content = content;
         SequenceCheck::New
     }
 
@@ -124,6 +137,51 @@ impl SequenceAudit {
     }
 }
 
+/// What distinguishes the samples that two processes on one seat of a slot publish under one number, where that is
+/// possible; 0 of all other topics.
+pub fn content<T: Sample>(topic: &TopicInfo, sample: &T) -> u64 {
+    if !topic.from.is_slot() {
+        return 0;
+    }
+    let mut content = Content(DefaultHasher::new());
+    sample.visit(&mut content);
+    content.0.finish()
+}
+
+/// Hashes what happened.
+struct Content(DefaultHasher);
+
+impl Content {
+    fn takes(field: &Field) -> bool {
+        !matches!(field.class, FieldClass::Machine | FieldClass::Padding)
+    }
+}
+
+impl Visitor for Content {
+    fn f64s(&mut self, field: &'static Field, values: &[f64]) {
+        if Self::takes(field) {
+            for value in values {
+                value.to_bits().hash(&mut self.0);
+            }
+        }
+    }
+    fn u64s(&mut self, field: &'static Field, values: &[u64]) {
+        if Self::takes(field) {
+            values.hash(&mut self.0);
+        }
+    }
+    fn bytes(&mut self, field: &'static Field, values: &[u8]) {
+        if Self::takes(field) {
+            values.hash(&mut self.0);
+        }
+    }
+    fn message<T: Wire>(&mut self, field: &'static Field, value: &T) {
+        if Self::takes(field) {
+            value.visit(self);
+        }
+    }
+}
+
 /// Gaps as text: `3 of imu, 1 of truth`.
 #[must_use]
 pub fn name_gaps(gaps: &[(&str, u64)]) -> String {
@@ -133,8 +191,8 @@ pub fn name_gaps(gaps: &[(&str, u64)]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{SequenceAudit, SequenceCheck, Tally};
-    use shared_types::Header;
+    use super::{SequenceAudit, SequenceCheck, Tally, content};
+    use shared_types::{Header, WrenchCommand, topics};
 
     fn header(seat: u32, sequence: u64, release_ns: u64) -> Header {
         Header { seat, sequence, release_ns, ..Header::default() }
@@ -153,7 +211,7 @@ mod tests {
         let imu = audit.register("/imu");
         for sequence in 1..=1000 {
             assert_eq!(
-                audit.observe(imu, &header(0, sequence, sequence * 1000)),
+                audit.observe(imu, &header(0, sequence, sequence * 1000), 0),
                 SequenceCheck::New
             );
         }
@@ -167,7 +225,7 @@ mod tests {
         let mut audit = SequenceAudit::default();
         let imu = audit.register("/imu");
         for sequence in [3, 4, 8, 9, 11] {
-            audit.observe(imu, &header(0, sequence, sequence));
+            audit.observe(imu, &header(0, sequence, sequence), 0);
         }
         let tally = only(&audit);
         assert_eq!((tally.count, tally.first, tally.last, tally.gaps), (5, 3, 11, 4));
@@ -180,7 +238,7 @@ mod tests {
         let jumps =
             [(0, 1, 1), (0, u64::MAX, 2), (0, 1, 3), (0, u64::MAX, 4), (1, 1, 1), (1, 9, 2)];
         for (seat, sequence, release_ns) in jumps {
-            audit.observe(imu, &header(seat, sequence, release_ns));
+            audit.observe(imu, &header(seat, sequence, release_ns), 0);
         }
         assert_eq!(audit.gaps(), [("/imu", u64::MAX)]);
     }
@@ -192,7 +250,7 @@ mod tests {
         let steps = [1, 2, 3, 4, 3, 4, 5, 6];
         let written: Vec<u64> = steps
             .into_iter()
-            .filter(|&s| audit.observe(imu, &header(0, s, s * 1000)) == SequenceCheck::New)
+            .filter(|&s| audit.observe(imu, &header(0, s, s * 1000), 0) == SequenceCheck::New)
             .collect();
         assert_eq!(written, [1, 2, 3, 4, 5, 6]);
         let tally = only(&audit);
@@ -200,11 +258,31 @@ mod tests {
     }
 
     #[test]
+    fn a_restarted_controller_with_another_command_under_the_same_number_repeats_nothing() {
+        let mut audit = SequenceAudit::default();
+        let info = &topics::WRENCH_COMMAND.info;
+        let commands = audit.register(info.name);
+        let mut observe = |generation, sequence, thrust_n, publish_mono_ns| {
+            let header = Header { generation, publish_mono_ns, ..header(0, sequence, sequence) };
+            let command = WrenchCommand { header, thrust_n, ..WrenchCommand::default() };
+            audit.observe(commands, &header, content(info, &command))
+        };
+        assert_eq!(observe(0, 1, 1.0, 5), SequenceCheck::New);
+        assert_eq!(observe(0, 2, 1.0, 6), SequenceCheck::New);
+        assert_eq!(observe(1, 2, 1.0, 9), SequenceCheck::Repeated, "the same at another time");
+        assert_eq!(observe(1, 2, 1.5, 9), SequenceCheck::New);
+        assert_eq!(observe(1, 2, 1.5, 9), SequenceCheck::Repeated);
+        assert_eq!(observe(1, 3, 1.5, 10), SequenceCheck::New);
+        let tally = only(&audit);
+        assert_eq!((tally.count, tally.gaps, tally.repeated, tally.writers), (4, 0, 2, 2));
+    }
+
+    #[test]
     fn a_producer_that_lost_its_count_is_still_recorded() {
         let mut audit = SequenceAudit::default();
         let imu = audit.register("/imu");
         for (sequence, release_ns) in [(1, 10), (2, 20), (1, 30), (2, 40)] {
-            assert_eq!(audit.observe(imu, &header(0, sequence, release_ns)), SequenceCheck::New);
+            assert_eq!(audit.observe(imu, &header(0, sequence, release_ns), 0), SequenceCheck::New);
         }
         let tally = only(&audit);
         assert_eq!((tally.count, tally.renumbered, tally.repeated), (4, 1, 0));
@@ -216,7 +294,7 @@ mod tests {
         let commands = audit.register("/wrench_command");
         for (generation, sequence) in [(0, 3), (0, 4), (1, 90), (1, 92)] {
             let header = Header { generation, ..header(1, sequence, sequence) };
-            assert_eq!(audit.observe(commands, &header), SequenceCheck::New);
+            assert_eq!(audit.observe(commands, &header, 0), SequenceCheck::New);
         }
         assert_eq!((only(&audit).gaps, only(&audit).writers), (1, 2));
     }
@@ -226,7 +304,7 @@ mod tests {
         let mut audit = SequenceAudit::default();
         let (a, b) = (audit.register("/a"), audit.register("/b"));
         for (channel, seat) in [(a, 1), (b, 0), (a, 0), (a, 1)] {
-            audit.observe(channel, &header(seat, 7, 0));
+            audit.observe(channel, &header(seat, 7, 0), 0);
         }
         let metadata = audit.to_metadata();
         let keys: Vec<_> = metadata.keys().map(String::as_str).collect();

@@ -48,7 +48,7 @@ pub struct Facts {
     pub run_id: String,
     /// Name of the scenario.
     pub scenario_name: String,
-    /// Text of the scenario, defaults filled in.
+    /// Text of the scenario with every override in it.
     pub scenario_toml: String,
     /// Seed of every noise source.
     pub seed: u64,

@@ -22,7 +22,7 @@ pub mod scene;
 mod schema;
 mod sink;
 
-pub use audit::{SequenceAudit, SequenceCheck, Stream, Tally, name_gaps};
+pub use audit::{SequenceAudit, SequenceCheck, Stream, Tally, content, name_gaps};
 pub use decode::{DecodeError, decode};
 pub use encode::encode;
 pub use error::RecordError;

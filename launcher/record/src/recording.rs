@@ -5,7 +5,7 @@ use super::error::cause_text;
 use super::messages::{self, Event};
 use super::open::{Channel, FileWriter, open};
 use super::sink::{Sink, Valve};
-use super::{Clock, Facts, RecordError, SequenceAudit, SequenceCheck, encode};
+use super::{Clock, Facts, RecordError, SequenceAudit, SequenceCheck, content, encode};
 use crate::scene::{self, Scene};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapResult};
@@ -134,7 +134,7 @@ impl Recording {
     ) -> Result<(), RecordError> {
         let Some(channel) = self.channels.get(topic.info.name).copied() else { return Ok(()) };
         let header = *sample.header();
-        if self.is_repeated(channel, &header) {
+        if self.is_repeated(channel, &header, content(&topic.info, sample)) {
             return Ok(());
         }
         self.buffer.clear();
@@ -244,8 +244,8 @@ impl Recording {
         Ok(std::mem::take(&mut self.audit))
     }
 
-    fn is_repeated(&mut self, channel: Channel, header: &Header) -> bool {
-        self.audit.observe(channel.stream, header) == SequenceCheck::Repeated
+    fn is_repeated(&mut self, channel: Channel, header: &Header, content: u64) -> bool {
+        self.audit.observe(channel.stream, header, content) == SequenceCheck::Repeated
     }
 
     fn put(

@@ -5,7 +5,7 @@ use observe::stopwatch::Stopwatch;
 use observe::{FlightHash, LogHash, Metrics, News, Observer};
 use protocol::topic::feed::{Ending, Feed};
 use record::read::seat_config;
-use record::{Event, Keyframes, Recorder, SequenceAudit, SequenceCheck, Severity, Stream};
+use record::{Event, Keyframes, Recorder, SequenceAudit, SequenceCheck, Severity, Stream, content};
 use runtime::StateHeader;
 use shared_types::{Header, Role, Sample, Seat, Seating, Slot, Topic, TopicInfo, topics};
 use swap::SlotWatch;
@@ -69,8 +69,7 @@ impl Sinks {
         sample: &T,
         receipt_mono_ns: u64,
     ) {
-        let header = sample.header();
-        let verdict = self.audit.observe(stream, header);
+        let verdict = self.audit.observe(stream, sample.header(), content(&topic.info, sample));
         if verdict == SequenceCheck::Repeated {
             return;
         }

@@ -12,6 +12,7 @@ use mcap::{Attachment, McapError, Writer};
 use shared_types::Header;
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -298,7 +299,11 @@ impl Copy {
         if let Some(stream) = channel.stream
             && let Some(sample) = sample_header(data)
         {
-            if self.audit.observe(stream, &sample) == SequenceCheck::Repeated {
+            // Whatever differs: what was no repetition when it was recorded is none here.
+            let mut content = DefaultHasher::new();
+            data.hash(&mut content);
+            let check = self.audit.observe(stream, &sample, content.finish());
+            if check == SequenceCheck::Repeated {
                 return Ok(());
             }
             self.recovered.end_ns = self.recovered.end_ns.max(sample.release_ns);

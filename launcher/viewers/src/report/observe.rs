@@ -7,7 +7,7 @@ use observe::{
     ENDED, FLOWN_NS, Facts, FlightHash, LogHash, Metrics, describe_end, kept_hash, read_end,
 };
 use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
-use record::{SequenceAudit, Stream, name_gaps};
+use record::{SequenceAudit, Stream, content, name_gaps};
 use serde_json::{Map, Value};
 use shared_types::{Sample, Topic, Truth, topics};
 use std::any::Any;
@@ -50,7 +50,7 @@ impl RecordVisitor for Observer {
         self.hashes.0.add(&topic.info, sample);
         self.hashes.1.add(&topic.info, sample);
         if let Some(stream) = self.streams.get(topic.info.name) {
-            self.audit.observe(*stream, sample.header());
+            self.audit.observe(*stream, sample.header(), content(&topic.info, sample));
         }
     }
 }
