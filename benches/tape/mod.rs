@@ -13,7 +13,9 @@ use runtime::{
 };
 use scenario::services::Assignment;
 use scenario::{Override, Scenario};
-use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, TopicVisitor, topics};
+use shared_types::{
+    Header, NO_SEAT, OwnerRecord, Role, Sample, Slot, SlotSpec, Topic, TopicVisitor, topics,
+};
 use simulate::in_process::{InProcess, StateSource};
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -39,9 +41,8 @@ impl Tape {
 
     /// Gives each slot to the loop that fills it.
     fn own_slots(&self, graph: &Graph) {
-        let slots =
-            [(&topics::ATTITUDE_OWNER, Role::Attitude), (&topics::POSITION_OWNER, Role::Position)];
-        for (topic, slot) in slots {
+        for SlotSpec { owner: topic, role, .. } in Slot::ALL.map(Slot::spec) {
+            let slot = *role;
             let header = Header { sequence: 1, ..Header::default() };
             let period_ns = graph.node(slot).map_or(0, |node| node.rate.period_ns());
             let sample = OwnerRecord {

@@ -48,7 +48,7 @@ pub use order::{
     OrderedDisturbance, PositionDiversion,
 };
 pub use sensors::{Barometer, Imu, MorphAngle, PoseFix, RangeFinder};
-pub use slots::{Slot, SlotSpec};
+pub use slots::{PerSlot, Slot, SlotSpec};
 pub use supervision::{
     ClockMode, ClockRecord, Handover, Hello, NO_SEAT, NodeId, OwnerRecord, Progress,
     REGISTRY_LINES, Registry, RegistryEntry, Role, SEATS, Seat,

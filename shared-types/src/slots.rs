@@ -4,7 +4,9 @@
 //! [`Slot::spec`].
 
 use crate::{OwnerRecord, Role, Topic, TopicInfo, topics};
-use serde::{Deserialize, Serialize};
+use core::ops::{Index, IndexMut};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::collections::BTreeMap;
 
 /// A place in the data flow whose process can be exchanged in flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -47,6 +49,14 @@ static POSITION: SlotSpec = SlotSpec {
 impl Slot {
     /// Every slot.
     pub const ALL: [Self; 2] = [Self::Attitude, Self::Position];
+    /// How many there are.
+    pub const COUNT: usize = Self::ALL.len();
+
+    /// Place among [`Slot::ALL`].
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self as usize
+    }
 
     /// What distinguishes it from the others.
     #[must_use]
@@ -88,9 +98,59 @@ impl Slot {
     }
 }
 
+/// One value for each slot; in text a table by their labels, in which a slot that is left out has the default.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PerSlot<T>([T; Slot::COUNT]);
+
+impl<T> PerSlot<T> {
+    /// The value of each slot by the slot.
+    pub fn from_fn(value: impl FnMut(Slot) -> T) -> Self {
+        Self(Slot::ALL.map(value))
+    }
+
+    /// Each slot with its value.
+    pub fn iter(&self) -> impl Iterator<Item = (Slot, &T)> {
+        Slot::ALL.into_iter().zip(&self.0)
+    }
+}
+
+impl<T> Index<Slot> for PerSlot<T> {
+    type Output = T;
+    fn index(&self, slot: Slot) -> &T {
+        &self.0[slot.index()]
+    }
+}
+
+impl<T> IndexMut<Slot> for PerSlot<T> {
+    fn index_mut(&mut self, slot: Slot) -> &mut T {
+        &mut self.0[slot.index()]
+    }
+}
+
+impl<T: Serialize> Serialize for PerSlot<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.iter())
+    }
+}
+
+impl<'de, T: Deserialize<'de> + Default> Deserialize<'de> for PerSlot<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let mut values: BTreeMap<Slot, T> = BTreeMap::deserialize(deserializer)?;
+        Ok(Self::from_fn(|slot| values.remove(&slot).unwrap_or_default()))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn values_of_slots_are_found_by_the_slot() {
+        let values = PerSlot::from_fn(Slot::label);
+        for (slot, label) in values.iter() {
+            assert_eq!((values[slot], Slot::ALL[slot.index()]), (*label, slot));
+        }
+    }
 
     #[test]
     fn each_slot_is_found_by_its_role_its_name_and_its_owner_records() {

@@ -25,6 +25,28 @@ code! {
     }
 }
 
+/// Label and number of seats of every role, in the order of their codes.
+const ROLES: [(Role, &str, u32); 8] = [
+    (Role::Plant, "plant", 1),
+    (Role::Estimator, "estimator", 1),
+    (Role::Position, "position", 4),
+    (Role::Attitude, "attitude", 4),
+    (Role::Disturbance, "disturbance", 1),
+    (Role::Pilot, "pilot", 1),
+    (Role::Monitor, "monitor", 1),
+    (Role::Supervisor, "supervisor", 1),
+];
+
+// What finds a role by its code, and the numbers of its seats, depend on this.
+const _: () = {
+    let mut code = 0;
+    while code < ROLES.len() {
+        assert!(ROLES[code].0.index() == code && ROLES[code].2 as usize <= SEATS);
+        assert!(code >= Role::STEPPING.len() || Role::STEPPING[code].index() == code);
+        code += 1;
+    }
+};
+
 impl Role {
     /// Every role that steps, in data-flow order.
     pub const STEPPING: [Self; 7] = [
@@ -53,10 +75,13 @@ impl Role {
     /// for two that are about to be either.
     #[must_use]
     pub const fn seats(self) -> u32 {
-        match self {
-            Self::Position | Self::Attitude => 4,
-            _ => 1,
-        }
+        self.info().2
+    }
+
+    /// What is known of it; of a code from elsewhere that no role has, what is known of the last one.
+    const fn info(self) -> &'static (Self, &'static str, u32) {
+        const LAST: usize = ROLES.len() - 1;
+        &ROLES[if self.index() < LAST { self.index() } else { LAST }]
     }
 
     /// True for a role whose owner can change.
@@ -67,17 +92,8 @@ impl Role {
 
     /// Lower-case name used for progress services, tables and the command line.
     #[must_use]
-    pub fn label(self) -> &'static str {
-        match self {
-            Self::Plant => "plant",
-            Self::Estimator => "estimator",
-            Self::Position => "position",
-            Self::Attitude => "attitude",
-            Self::Disturbance => "disturbance",
-            Self::Pilot => "pilot",
-            Self::Monitor => "monitor",
-            _ => "supervisor",
-        }
+    pub const fn label(self) -> &'static str {
+        self.info().1
     }
 }
 
@@ -103,8 +119,18 @@ impl Seat {
         Self { role, index: 0 }
     }
 
-    /// How many seats there can be, of all roles that step together.
+    /// How many numbers seats have, see [`Seat::number`]: each role that steps has as many as any.
     pub const COUNT: usize = Role::STEPPING.len() * SEATS;
+
+    /// How many seats there are, of all roles that step together.
+    pub const TOTAL: usize = {
+        let (mut total, mut index) = (0, 0);
+        while index < Role::STEPPING.len() {
+            total += Role::STEPPING[index].seats() as usize;
+            index += 1;
+        }
+        total
+    };
 
     /// Place of this seat among [`Seat::COUNT`]; none of a role that does not step.
     #[must_use]

@@ -15,7 +15,7 @@ use core::time::Duration;
 use host::exit;
 use scenario::services::{self, Assignment};
 use scenario::{Override, Scenario};
-use shared_types::Role;
+use shared_types::{Role, Slot};
 use std::io::Write;
 
 /// Measures; 1 if a gate fails, 2 for an impossible request, 3 where the machine gives no measurement.
@@ -84,8 +84,12 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
     let scenario = Scenario::load(&arguments.scenario.scenario, &arguments.scenario.overrides()?)?;
     let settings = scenario.settings();
     let assignment = Assignment::of(settings);
-    let usual = [Role::Attitude, Role::Position, Role::Estimator, Role::Plant];
-    let usual = usual.into_iter().map(|role| assignment.name(role)).map(str::to_owned);
+    let slots = Slot::ALL.map(Slot::role);
+    let usual = slots
+        .into_iter()
+        .chain([Role::Estimator, Role::Plant])
+        .map(|role| assignment.name(role))
+        .map(str::to_owned);
     let names: Vec<String> =
         if arguments.only.is_empty() { usual.collect() } else { arguments.only.clone() };
     let mut rates_hz = Vec::new();

@@ -9,12 +9,12 @@ use runtime::clock::mono_now_ns;
 use rustix::process::{Resource, Rlimit, Signal, nice, set_parent_process_death_signal, setrlimit};
 use scenario::candidate::Candidate;
 use scenario::{Override, Scenario};
-use shared_types::Slot;
 use shared_types::time::ns_from_s;
+use shared_types::{PerSlot, Slot};
 use simulate::rehearse::{Rehearsal, RehearsalFigures, Role, Verdict, verdict, watch};
 use std::io::{Read as _, Write};
 use std::path::{Path, PathBuf};
-use swap::{Owners, RehearsalSpec};
+use swap::RehearsalSpec;
 
 /// Runs the command.
 pub(super) fn run(arguments: &RehearseArguments, out: &mut dyn Write) -> Done {
@@ -130,7 +130,7 @@ fn spec(arguments: &RehearseArguments, scenario: &Scenario) -> Result<RehearsalS
         scenario: scenario.to_toml().to_owned(),
         snapshot,
         slot,
-        owners: Owners::default(),
+        owners: PerSlot::default(),
         owner: None,
         candidate,
         config,

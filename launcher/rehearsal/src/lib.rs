@@ -24,7 +24,7 @@ pub use draw::{DRAWS, Draw, draws};
 pub use judge::{Flown, judge, lost};
 pub use limits::{Facts, Limits};
 pub use loss::Lost;
-pub use snapshot::{Guidance, Instance, Snapshot, Turn, Way};
+pub use snapshot::{Guidance, Snapshot, Turn, Way};
 pub use track::{Moment, Motion, Posture, Track, Wanted};
 pub use tube::{Figure, Measure, Tube};
 pub use verdict::{RehearsalFigures, RehearsalRefusal, Verdict};

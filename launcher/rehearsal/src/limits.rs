@@ -1,5 +1,6 @@
 //! Capabilities of the vehicle, from which the size of the challenges and of the tube follow.
 
+use shared_types::{PerSlot, Slot};
 use vehicle::{Agility, MorphAngle, VehicleParameters};
 
 /// Replaces an error that is not a number, because JSON cannot represent NaN.
@@ -14,10 +15,8 @@ pub struct Facts {
     pub morph_angle_rad: f64,
     /// Bound of the position controller on roll and pitch \[rad\].
     pub tilt_max_rad: f64,
-    /// Period of the attitude loop \[s\].
-    pub attitude_period_s: f64,
-    /// Period of the position loop \[s\].
-    pub position_period_s: f64,
+    /// Period of the loop in a slot \[s\].
+    pub period_s: PerSlot<f64>,
     /// Sum of the latencies of the attitude set point and of the wrench command \[s\].
     pub latency_s: f64,
     /// Largest speed of the reference during the rehearsal \[m/s\].
@@ -68,11 +67,11 @@ impl Limits {
             MorphAngle::saturating_from_rad(facts.morph_angle_rad).unwrap_or(MorphAngle::MIN);
         let agility = Agility::at(vehicle, beta, facts.tilt_max_rad);
         let Agility { acceleration_b_rad_s2: alpha, lateral_m_s2 } = agility;
-        let reaction_s = facts.attitude_period_s + facts.latency_s + vehicle.rotor_lag_s;
+        let reaction_s = facts.period_s[Slot::Attitude] + facts.latency_s + vehicle.rotor_lag_s;
         let kick = alpha * (0.5 * reaction_s);
         let stopping = kick * (1.25 * reaction_s);
         let turning_s = agility.tilting_s(facts.tilt_max_rad);
-        let tilting_s = facts.position_period_s + reaction_s + turning_s;
+        let tilting_s = facts.period_s[Slot::Position] + reaction_s + turning_s;
         let push = lateral_m_s2 * tilting_s;
         Self {
             acceleration_b_rad_s2: alpha.into(),

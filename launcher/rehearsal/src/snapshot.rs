@@ -39,24 +39,8 @@ pub struct Snapshot {
     pub force_w_n: [f64; 3],
     /// Mean external torque, without that of the rotors \[N m\].
     pub torque_b_nm: [f64; 3],
-    /// The instance that commands the attitude slot.
-    pub attitude: Instance,
-    /// The instance that commands the position slot.
-    pub position: Instance,
     /// Guidance orders in effect; their instants are in the time of the plan.
     pub guidance: Guidance,
-}
-
-/// The instance that commands a slot, as the slot's consumer reports it.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Instance {
-    /// Epoch of the owner record in effect.
-    pub epoch: u64,
-    /// Process slot whose commands are in effect.
-    pub seat: u32,
-    /// True if the fallback has taken over until the next epoch.
-    pub failed_over: bool,
 }
 
 /// The guidance orders to the pilot that are in effect; `None` where the plan applies.

@@ -1,11 +1,11 @@
 //! Makes a [`Snapshot`] from samples, and only from those that a real vehicle has.
 
-use crate::snapshot::{Guidance, Instance, Snapshot, Turn, Way};
+use crate::snapshot::{Guidance, Snapshot, Turn, Way};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use shared_types::time::ns_from_s;
 use shared_types::{
-    AngleDiversion, AppliedCommand, AppliedSetpoint, GateMode, GuidanceOrder, PositionDiversion,
-    Sample, StateEstimate,
+    AngleDiversion, AppliedCommand, GateMode, GuidanceOrder, PositionDiversion, Sample,
+    StateEstimate,
 };
 use std::any::Any;
 use std::collections::VecDeque;
@@ -24,7 +24,6 @@ mod sealed {
     pub trait Sealed {}
     impl Sealed for shared_types::StateEstimate {}
     impl Sealed for shared_types::AppliedCommand {}
-    impl Sealed for shared_types::AppliedSetpoint {}
     impl Sealed for shared_types::GuidanceOrder {}
 }
 
@@ -61,7 +60,6 @@ struct Applied {
     thrust_n: f64,
     torque_b_nm: [f64; 3],
     is_normal: bool,
-    instance: Instance,
 }
 
 /// Keeps the most recent samples of a flight, so that the snapshot of an instant does not depend on the order
@@ -71,7 +69,6 @@ pub struct Watcher {
     vehicle: VehicleParameters,
     estimates: VecDeque<Believed>,
     commands: VecDeque<Applied>,
-    setpoints: VecDeque<(u64, Instance)>,
     orders: VecDeque<GuidanceOrder>,
 }
 
@@ -96,7 +93,6 @@ impl Watcher {
             vehicle: *vehicle,
             estimates: VecDeque::with_capacity(KEPT),
             commands: VecDeque::with_capacity(KEPT),
-            setpoints: VecDeque::with_capacity(KEPT),
             orders: VecDeque::with_capacity(16),
         }
     }
@@ -111,14 +107,13 @@ impl Watcher {
         let any: &dyn Any = sample;
         pass::<StateEstimate>(self, any)
             || pass::<AppliedCommand>(self, any)
-            || pass::<AppliedSetpoint>(self, any)
             || pass::<GuidanceOrder>(self, any)
     }
 
     /// Names of the topics that are read.
     #[must_use]
-    pub fn topics() -> [&'static str; 4] {
-        [StateEstimate::TOPIC, AppliedCommand::TOPIC, AppliedSetpoint::TOPIC, GuidanceOrder::TOPIC]
+    pub fn topics() -> [&'static str; 3] {
+        [StateEstimate::TOPIC, AppliedCommand::TOPIC, GuidanceOrder::TOPIC]
     }
 
     /// The snapshot of the instant `at_ns` \[ns\]; `None` before the first estimate and command.
@@ -128,7 +123,6 @@ impl Watcher {
         let applied = self.commands.iter().rev().find(|c| c.valid_ns <= at_ns)?;
         let e = &believed.estimate;
         let worst = |values: [f64; 3]| values.into_iter().fold(0.0, f64::max);
-        let position = self.setpoints.iter().rev().find(|(valid_ns, _)| *valid_ns <= at_ns);
         let order = self.orders.iter().rev().find(|order| order.header.valid_ns <= at_ns);
         Some(Snapshot {
             at_ns,
@@ -147,8 +141,6 @@ impl Watcher {
             commanded: applied.is_normal,
             force_w_n: self.force_w_n(at_ns),
             torque_b_nm: self.torque_b_nm(at_ns),
-            attitude: applied.instance,
-            position: position.map(|(_, instance)| *instance).unwrap_or_default(),
             guidance: order.map(guidance).unwrap_or_default(),
         })
     }
@@ -235,25 +227,14 @@ impl Known for StateEstimate {
 impl Known for AppliedCommand {
     const TOPIC: &'static str = "applied_command";
     fn pass_to(&self, watcher: &mut Watcher) {
-        let (epoch, seat, failed_over) = (self.epoch, self.seat, self.failed_over.is_set());
         let applied = Applied {
             valid_ns: self.header.valid_ns,
             rotor_thrust_n: self.rotor_thrust_n,
             thrust_n: self.thrust_n,
             torque_b_nm: self.torque_b_nm,
             is_normal: self.mode == GateMode::Normal,
-            instance: Instance { epoch, seat, failed_over },
         };
         keep(&mut watcher.commands, applied);
-    }
-}
-
-impl Known for AppliedSetpoint {
-    const TOPIC: &'static str = "applied_setpoint";
-    fn pass_to(&self, watcher: &mut Watcher) {
-        let (epoch, seat, failed_over) = (self.epoch, self.seat, self.failed_over.is_set());
-        let instance = Instance { epoch, seat, failed_over };
-        keep(&mut watcher.setpoints, (self.header.valid_ns, instance));
     }
 }
 

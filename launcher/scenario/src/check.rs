@@ -15,7 +15,7 @@ use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
 use document::{Document, Problem};
 use runtime::{Graph, GraphError};
-use shared_types::{Role, TopicInfo};
+use shared_types::{Role, Slot, TopicInfo};
 use vehicle::ParameterError;
 
 /// Thrust of all rotors over the weight below which no attitude controller has torque left in hover.
@@ -131,7 +131,7 @@ impl<'s> Checker<'s> {
             let remedy = "raise estimator.fix_latency_s to at least this";
             self.error("plant.pose_fix.latency_s", what, remedy);
         }
-        let attitude_hz = self.scenario.slot_rate_hz(Role::Attitude);
+        let attitude_hz = self.scenario.slot_rate_hz(Slot::Attitude);
         if f64::from(plant.imu.rate_hz) < attitude_hz {
             let what = format!(
                 "{} samples per second are too few for the attitude loop, which goes by {attitude_hz} estimates per second",
@@ -152,7 +152,7 @@ impl<'s> Checker<'s> {
     /// The gate drops a command after its validity, two periods of its writer.
     fn gate(&mut self) {
         let validity_s = self.settings().plant.gate.validity_max_s;
-        let needed_s = 2.0 / self.scenario.slot_rate_hz(Role::Attitude);
+        let needed_s = 2.0 / self.scenario.slot_rate_hz(Slot::Attitude);
         if needed_s > validity_s {
             let what = format!(
                 "a command is valid for two periods, {needed_s:.3} s, but the gate allows {validity_s} s"
@@ -191,13 +191,13 @@ impl<'s> Checker<'s> {
     /// A restarted process fetches what it missed from the history of its inputs.
     fn resumable(&mut self, graph: &Graph) {
         let settings = self.settings();
-        let restarted = [
-            (Role::Estimator, u64::from(settings.estimator.state_every)),
-            (Role::Position, 1),
-            (Role::Attitude, 1),
-            (Role::Monitor, 1),
-        ];
-        for (role, state_every) in restarted {
+        let state_every = |role: Role| match role {
+            Role::Estimator => Some(u64::from(settings.estimator.state_every)),
+            role if role.is_slot() || role == Role::Monitor => Some(1),
+            _ => None,
+        };
+        for role in Role::STEPPING {
+            let Some(state_every) = state_every(role) else { continue };
             let rate_of = |topic: &TopicInfo| wiring::sensor_rate(settings, topic);
             if let Some((edge, needed)) = graph.too_short_history(role, state_every, &rate_of) {
                 let TopicInfo { name, history, .. } = edge.topic;

@@ -12,7 +12,7 @@ use controller::{FlightFacts, SetpointBounds};
 use estimator::{FilterConfig, InitialState};
 use plant::gate::UnprovenRange;
 use position_mpc::PositionLawConfig;
-use shared_types::{Role, Slot};
+use shared_types::{PerSlot, Slot};
 
 /// From the end of a descent until the vehicle stands still on the ground, and by how much it may have begun late: the last
 /// reference is ahead of its time \[s\].
@@ -72,7 +72,6 @@ impl Scenario {
     #[must_use]
     pub fn flight_facts(&self) -> FlightFacts {
         let settings = &self.settings;
-        let usual = |slot| usual_rate_hz(slot, settings);
         let bounds = |law: &PositionLawConfig| SetpointBounds {
             tilt_max_rad: law.tilt_max_rad,
             thrust_weights: [law.thrust_min_weights, law.thrust_max_weights],
@@ -83,10 +82,8 @@ impl Scenario {
             start_yaw_rad: self.start_yaw_rad(),
             is_rig: settings.pilot.is_rig(),
             plant_rate_hz: settings.plant.rate_hz,
-            attitude_rate_hz: self.slot_rate_hz(Role::Attitude),
-            position_rate_hz: self.slot_rate_hz(Role::Position),
-            usual_attitude_rate_hz: usual(Slot::Attitude),
-            usual_position_rate_hz: usual(Slot::Position),
+            rate_hz: PerSlot::from_fn(|slot| self.slot_rate_hz(slot)),
+            usual_rate_hz: PerSlot::from_fn(|slot| usual_rate_hz(slot, settings)),
             wrench_latency_s: settings.latency.wrench_command_s,
             setpoint_latency_s: settings.latency.attitude_setpoint_s,
             setpoint_bounds: bounds(&PositionLawConfig::default()),
@@ -117,8 +114,8 @@ impl Scenario {
 
     /// Rate of the loop in a slot \[Hz\].
     #[must_use]
-    pub fn slot_rate_hz(&self, role: Role) -> f64 {
-        Assignment::of(&self.settings).rate_hz(role, &self.settings)
+    pub fn slot_rate_hz(&self, slot: Slot) -> f64 {
+        Assignment::of(&self.settings).rate_hz(slot.role(), &self.settings)
     }
 
     /// What the monitor is built from.

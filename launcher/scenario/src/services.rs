@@ -37,12 +37,9 @@ macro_rules! loops {
 }
 with_controllers!(loops []);
 
-/// Rate of a controller whose section has none \[Hz\].
+/// Rate of a controller whose section has none \[Hz\]: that of the first one of its slot, which has one.
 pub(crate) fn usual_rate_hz(slot: Slot, settings: &Settings) -> f64 {
-    match slot {
-        Slot::Attitude => settings.attitude_mpc.rate_hz,
-        Slot::Position => settings.position_mpc.rate_hz,
-    }
+    Loop::of(slot.role()).map_or(0.0, |first| (first.rate_hz)(settings))
 }
 
 impl Loop {

@@ -85,7 +85,7 @@ fn node(settings: &Settings, role: Role) -> Result<Node, WiringError> {
 /// neither is a judgement of what is over.
 fn default_policy(role: Role) -> MissPolicy {
     match role {
-        Role::Position | Role::Attitude | Role::Monitor => MissPolicy::Skip,
+        role if role.is_slot() || role == Role::Monitor => MissPolicy::Skip,
         _ => MissPolicy::CatchUp,
     }
 }

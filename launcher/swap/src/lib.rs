@@ -24,7 +24,7 @@ pub use order_sinks::OrderSinks;
 pub use owners::{RegistryWriter, SlotOwner};
 pub use post_event::{FlightError, PostEvent};
 pub use post_note::PostNote;
-pub use rehearsal_spec::{Owners, RehearsalSpec};
+pub use rehearsal_spec::RehearsalSpec;
 pub use slots::{
     FAULT, News, Posts, Script, Seen, SlotContext, SlotWatch, Slots, SwapEnd, SwapReport,
     write_table,

@@ -2,7 +2,7 @@
 
 use rehearsal::Snapshot;
 use serde::{Deserialize, Serialize};
-use shared_types::Slot;
+use shared_types::{PerSlot, Slot};
 use std::path::PathBuf;
 
 /// What to rehearse: candidate, slot, scenario and state of the vehicle. The launcher passes it as JSON.
@@ -15,9 +15,9 @@ pub struct RehearsalSpec {
     pub snapshot: Snapshot,
     /// The slot that the candidate is to take over.
     pub slot: Slot,
-    /// Built-in controllers that own the two slots now; where left out, those of the scenario.
+    /// Built-in controllers that own the slots now; where left out, those of the scenario.
     #[serde(default)]
-    pub owners: Owners,
+    pub owners: PerSlot<Option<String>>,
     /// The controller that commands the slot now, if it is not built in or has its own configuration:
     /// name or path, and the file that configures it.
     #[serde(default)]
@@ -31,27 +31,4 @@ pub struct RehearsalSpec {
     pub seed: u64,
     /// Number of the swap within the run.
     pub swap: u64,
-}
-
-/// Built-in controllers of the slots.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Owners {
-    /// Of the attitude slot.
-    #[serde(default)]
-    pub attitude: Option<String>,
-    /// Of the position slot.
-    #[serde(default)]
-    pub position: Option<String>,
-}
-
-impl Owners {
-    /// The one of a slot.
-    #[must_use]
-    pub fn of(&self, slot: Slot) -> Option<&str> {
-        match slot {
-            Slot::Attitude => self.attitude.as_deref(),
-            Slot::Position => self.position.as_deref(),
-        }
-    }
 }

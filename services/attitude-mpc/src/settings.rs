@@ -26,7 +26,7 @@ pub struct Settings {
     /// Control rate \[Hz\].
     #[garde(range(min = 1.0, max = 1000.0))]
     pub rate_hz: f64,
-    /// Which prediction model, and with it which set of defaults.
+    /// Which prediction model, and with it which set of defaults for the keys that have none here.
     #[garde(skip)]
     pub model: Model,
     /// Look-ahead \[s\]; Np and Nc follow from the rate.
@@ -38,41 +38,43 @@ pub struct Settings {
     /// Nc in samples, beside `prediction_horizon`; a tenth of it, at least 3, if left out.
     #[garde(range(min = 1, max = 50))]
     pub control_horizon: Option<u16>,
-    /// `r_w` of roll and pitch \[rad²/(N m)²\].
+    /// Weight `r_w` in eq. (15) on increments of the body torques of roll and pitch \[rad²/(N m)²\], at Ixx = 1e-4 kg m²
+    /// if it is scaled; if left out 5 (rate/100 Hz)², for the paper's model 0.25.
     #[garde(range(min = 1e-9, max = 1e9))]
     pub increment_weight: Option<f64>,
-    /// Factor on `r_w` for pitch.
+    /// Factor on `increment_weight` for pitch; 1 if left out.
     #[garde(range(min = 1e-6, max = 1e6))]
     pub pitch_weight_factor: Option<f64>,
-    /// Factor on `r_w` for yaw.
+    /// Factor on `increment_weight` for yaw; if left out 8, for the paper's model 0.25.
     #[garde(range(min = 1e-6, max = 1e6))]
     pub yaw_weight_factor: Option<f64>,
-    /// Q of roll, pitch and yaw.
+    /// Weight Q in eq. (15) on the errors of the Euler angles roll, pitch and yaw; 1 each if left out.
     #[garde(inner(inner(range(min = 0.0, max = 1e9))))]
     pub output_weight: Option<[f64; 3]>,
-    /// Factor on Q at the last sample of the horizon.
+    /// Factor on `output_weight` at the last sample of the horizon; 1 if left out.
     #[garde(range(min = 0.0, max = 1e9))]
     pub terminal_factor: Option<f64>,
     /// Poles of the Laguerre functions of roll, pitch and yaw torque. Inputs are then bounded not
     /// only over Nc samples but for as long as the functions last, at most 50.
     #[garde(skip)]
     pub laguerre_pole: Option<[f64; 3]>,
-    /// How many functions each; Nc of them if left out.
+    /// How many Laguerre functions roll, pitch and yaw torque have; Nc of them if left out.
     #[garde(skip)]
     pub laguerre_terms: Option<[u8; 3]>,
-    /// Keeps the loop in samples the same at every size.
+    /// Whether `increment_weight` is scaled with 1/Ixx(β)², which keeps the loop in samples the same at every size; if left
+    /// out it is, but for the paper's model.
     #[garde(skip)]
     pub scale_weight_with_inertia: Option<bool>,
     /// Where the torque bounds come from.
     #[garde(skip)]
     pub torque_bound: Option<TorqueBound>,
-    /// Price of leaving them, in increments that cost 1; hard if left out.
+    /// Price of leaving the torque bounds, in increments that cost 1; they are hard if left out.
     #[garde(range(min = 1e-9, max = 1e9))]
     pub level_penalty: Option<f64>,
     /// Whether increments are bounded as well.
     #[garde(skip)]
     pub increment_bound: Option<bool>,
-    /// Price of leaving those bounds; hard if left out.
+    /// Price of leaving the bounds on increments, as `level_penalty`; they are hard if left out.
     #[garde(range(min = 1e-9, max = 1e9))]
     pub increment_penalty: Option<f64>,
     /// Bound on predicted roll and pitch \[rad\], at each sample of Np.
@@ -81,13 +83,13 @@ pub struct Settings {
     /// Bound on predicted Euler rates \[rad/s\], at each sample of Np.
     #[garde(range(min = 1e-3, max = 1e3))]
     pub rate_max_rad_s: Option<f64>,
-    /// Price of leaving these two; hard if left out.
+    /// Price of leaving `angle_max_rad` and `rate_max_rad_s`, as `level_penalty`; they are hard if left out.
     #[garde(range(min = 1e-9, max = 1e9))]
     pub state_penalty: Option<f64>,
     /// Whether a commanded morph is followed along the horizon.
     #[garde(skip)]
     pub morph_preview: Option<bool>,
-    /// How far \[s\]; as far as the torque can still move if left out.
+    /// How far along the horizon a commanded morph is followed \[s\]; as far as the torque can still move if left out.
     #[garde(range(min = 0.0, max = 10.0))]
     pub morph_preview_s: Option<f64>,
     /// Rotor lag in the prediction model \[s\]; the vehicle's with a margin if left out.
@@ -171,7 +173,8 @@ pub struct Surroundings {
 
 impl From<&FlightFacts> for Surroundings {
     fn from(flight: &FlightFacts) -> Self {
-        let setpoint_period_s = if flight.is_rig { 0.0 } else { 1.0 / flight.position_rate_hz };
+        let setpoint_period_s =
+            if flight.is_rig { 0.0 } else { 1.0 / flight.rate_hz[Slot::Position] };
         Self {
             rotor_lag_s: flight.vehicle.rotor_lag_s,
             wrench_latency_s: flight.wrench_latency_s,

@@ -9,10 +9,10 @@ use crate::reports::{Asked, Record, Report, Reports, ReportsMemory};
 use crate::torque::{Torque, TorqueMemory};
 use controller::preview::{Landing, target};
 use nalgebra::Vector3;
-use runtime::{Authority, Link, Service, inputs, outputs};
+use runtime::{Authority, Input, Link, Service, inputs, outputs};
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, GateMode, Header, NO_SEAT, OwnerRecord,
-    Reference, Role, StateEstimate, Trip, TripCause, topics,
+    Reference, Role, Slot, StateEstimate, Trip, TripCause, topics,
 };
 use vehicle::{MorphAngle, VehicleParameters, rotation};
 
@@ -88,16 +88,16 @@ shared_types::memory! {
         pub has_asked: bool,
         /// Since when commands have been clipped without a break \[ns\]; 0 if the last one was not.
         pub clipped_from_ns: u64,
-        /// Seats that commanded the attitude and the position slot at the last step, [`NO_SEAT`] for none.
-        pub commanding: [u32; 2],
-        /// Epochs of their records in which the fallback commanded in place of the owner last; 0 for none.
-        pub replaced: [u64; 2],
+        /// Of each slot: seat that commanded it at the last step, [`NO_SEAT`] for none.
+        pub commanding: [u32; Slot::COUNT],
+        /// Epoch of its record in which the fallback commanded in place of the owner last; 0 for none.
+        pub replaced: [u64; Slot::COUNT],
         /// Since when \[ns\]; 0 for never.
-        pub replaced_ns: [u64; 2],
+        pub replaced_ns: [u64; Slot::COUNT],
         /// Epoch of the position slot in which the attitude slot has last reported the fallback in command; 0 for none.
         pub failed_over: u64,
-        /// Last trips published for the attitude and the position slot.
-        pub trips: [LastTrip; 2],
+        /// Last trip published for it.
+        pub trips: [LastTrip; Slot::COUNT],
         /// Instant of the last step \[ns\].
         pub seen_ns: u64,
     }
@@ -120,6 +120,14 @@ fn ns(s: f64) -> u64 {
     (1e9 * s).ceil() as u64
 }
 
+/// Owner records by slot.
+fn records(inputs: &Inputs) -> [&Input<OwnerRecord>; Slot::COUNT] {
+    Slot::ALL.map(|slot| match slot {
+        Slot::Attitude => &inputs.attitude_owner,
+        Slot::Position => &inputs.position_owner,
+    })
+}
+
 /// Period of the controller on a seat, by its slot's record \[ns\]; 0 for none.
 fn period_ns(record: &OwnerRecord, seat: u32) -> u64 {
     let seat = usize::try_from(seat).ok();
@@ -138,7 +146,7 @@ impl Monitor {
             landing: config.landing,
             latency_ns: ns(config.latency_s),
             stale_ns: STALE_NS.max(2 * ns(config.period_s)),
-            memory: Memory { commanding: [NO_SEAT; 2], ..Memory::default() },
+            memory: Memory { commanding: [NO_SEAT; Slot::COUNT], ..Memory::default() },
         }
     }
 
@@ -199,18 +207,17 @@ impl Monitor {
         }
     }
 
-    /// Which seats command the attitude and the position slot at `now_ns`. Other hands reset the
-    /// criteria, since they are not to blame for what came before.
-    fn hands(&mut self, now_ns: u64, inputs: &Inputs) -> [Hands; 2] {
+    /// Which seats command the slots at `now_ns`. Other hands reset the criteria, since they are not to blame for what
+    /// came before.
+    fn hands(&mut self, now_ns: u64, inputs: &Inputs) -> [Hands; Slot::COUNT] {
         // A report about an epoch that is over does not hold for the next one.
         let command = inputs.applied_command.latest();
         let command = command.filter(|applied| applied.failed_over.is_set());
         let failed_over = [command.map_or(0, |applied| applied.epoch), self.memory.failed_over];
-        let records = [&inputs.attitude_owner, &inputs.position_owner];
-        let mut hands = [Hands::Proven; 2];
-        let mut seats = [NO_SEAT; 2];
-        for slot in 0..2 {
-            let Some(record) = records[slot].in_effect_at(now_ns) else { continue };
+        let mut hands = [Hands::Proven; Slot::COUNT];
+        let mut seats = [NO_SEAT; Slot::COUNT];
+        for slot in Slot::ALL.map(Slot::index) {
+            let Some(record) = records(inputs)[slot].in_effect_at(now_ns) else { continue };
             // A trip is known here before it takes effect. Without a fallback the slot's consumer levels.
             let is_there = period_ns(record, record.fallback) > 0;
             let fallback = if is_there { record.fallback } else { NO_SEAT };
@@ -233,13 +240,14 @@ impl Monitor {
                 self.memory.replaced_ns[slot] = now_ns;
             }
         }
-        if seats[0] != self.memory.commanding[0] {
+        let changes = |slot: Slot| seats[slot.index()] != self.memory.commanding[slot.index()];
+        if changes(Slot::Attitude) {
             self.reports.forget();
         }
         if seats != self.memory.commanding {
             self.memory.clipped_from_ns = 0;
             self.torque.forget();
-            self.judge.forget(seats[1] != self.memory.commanding[1]);
+            self.judge.forget(changes(Slot::Position));
             self.memory.commanding = seats;
         }
         hands
@@ -267,8 +275,8 @@ impl Monitor {
         Some(Finding::of(cause?, 0.0, 0.0))
     }
 
-    /// Whether the owners of the attitude and the position slot have been replaced lately.
-    fn recovers(&self, now_ns: u64) -> [bool; 2] {
+    /// Of each slot: whether its owner has been replaced lately.
+    fn recovers(&self, now_ns: u64) -> [bool; Slot::COUNT] {
         self.memory.replaced_ns.map(|from_ns| is_recovering(from_ns, now_ns))
     }
 
@@ -368,9 +376,10 @@ impl Service for Monitor {
         let [attitude, position] = blame(findings, &hands);
         let found =
             [misreported.or(self.overturns(now_ns, inputs, &hands[0])).or(attitude), position];
-        for (index, slot) in [Role::Attitude, Role::Position].into_iter().enumerate() {
+        for slot in Slot::ALL {
+            let index = slot.index();
             let Hands::Watched(owner) = hands[index] else { continue };
-            let found = found[index].map(|finding| trip(slot, owner, &finding));
+            let found = found[index].map(|finding| trip(slot.role(), owner, &finding));
             let last = &mut self.memory.trips[index];
             let due = last.again(&owner, now_ns).or(found);
             // One trip per epoch is enough, and one sample per step: a second one follows at the next step.
@@ -378,7 +387,7 @@ impl Service for Monitor {
                 *last = LastTrip { trip, at_ns: now_ns, fallback: owner.fallback };
                 // The trip takes effect before the next step, which may find another record.
                 self.memory.replaced_ns[index] = now_ns;
-                if slot == Role::Position {
+                if slot == Slot::Position {
                     self.reports.trip(owner.instance, now_ns + self.latency_ns);
                 }
                 outputs.trip.write(trip);
@@ -389,8 +398,8 @@ impl Service for Monitor {
 
     /// A trip is published only while an owner is watched.
     fn quiet_until_ns(&self, from_ns: u64, known_ns: u64, inputs: &Inputs) -> u64 {
-        let records = [&inputs.attitude_owner, &inputs.position_owner];
-        let watched = records.map(|slot| slot.first_in_effect_ns(from_ns, |r| r.watched.is_set()));
+        let watched =
+            records(inputs).map(|slot| slot.first_in_effect_ns(from_ns, |r| r.watched.is_set()));
         watched.into_iter().flatten().fold(known_ns, u64::min).max(from_ns)
     }
 

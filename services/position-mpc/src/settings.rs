@@ -160,7 +160,7 @@ impl From<&FlightFacts> for Surroundings {
         Self {
             rotor_lag_s: flight.vehicle.rotor_lag_s,
             setpoint_latency_s: flight.setpoint_latency_s,
-            attitude_period_s: 1.0 / flight.attitude_rate_hz,
+            attitude_period_s: 1.0 / flight.rate_hz[Slot::Attitude],
         }
     }
 }

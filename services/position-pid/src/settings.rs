@@ -85,7 +85,7 @@ impl ControllerSection for Settings {
     }
 
     fn build(&self, flight: &FlightFacts) -> Result<PositionPid, SectionRefusal> {
-        let config = self.law_config(flight.usual_position_rate_hz, &flight.setpoint_bounds);
+        let config = self.law_config(flight.usual_rate_hz[Slot::Position], &flight.setpoint_bounds);
         Ok(PositionPid::new(config, &flight.vehicle, flight.landing)?)
     }
 }

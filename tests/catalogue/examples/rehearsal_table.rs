@@ -8,10 +8,10 @@ use catalogue::{Altering, Entry, Fault, Spoiler, entries};
 use rustix::time::{ClockId, clock_gettime};
 use scenario::services::names_for;
 use scenario::{Override, Scenario};
-use shared_types::Slot;
+use shared_types::{PerSlot, Slot};
 use simulate::rehearse::{Rehearsal, Snapshot, Verdict, watch};
 use std::collections::BTreeMap;
-use swap::{Owners, RehearsalSpec};
+use swap::RehearsalSpec;
 use vehicle::MorphAngle;
 
 /// A flight in which swaps are rehearsed.
@@ -101,7 +101,7 @@ impl Table {
             scenario: scenario.to_toml().to_owned(),
             snapshot,
             slot,
-            owners: Owners::default(),
+            owners: PerSlot::default(),
             owner: None,
             candidate: law.clone(),
             config: None,

@@ -152,7 +152,7 @@ impl Steps {
 
 /// When a step had what begins it \[ns\]; nothing is known of one without its input.
 fn begun_ns(stamp: &Stamp, role: Role, inputs: &[Stamp]) -> Option<u64> {
-    if !matches!(role, Role::Estimator | Role::Position | Role::Attitude) {
+    if !(role.is_slot() || role == Role::Estimator) {
         return Some(stamp.release_mono_ns);
     }
     let input = find(inputs, stamp.input_sequence)?;
@@ -164,7 +164,7 @@ fn input_of(role: Role) -> Option<&'static str> {
     match role {
         Role::Plant => Some(topics::WRENCH_COMMAND.info.name),
         Role::Estimator => Some(topics::IMU.info.name),
-        Role::Position | Role::Attitude => Some(topics::STATE_ESTIMATE.info.name),
+        role if role.is_slot() => Some(topics::STATE_ESTIMATE.info.name),
         _ => None,
     }
 }

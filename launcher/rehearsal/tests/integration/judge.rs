@@ -5,7 +5,7 @@ use rehearsal::{
     Axis, Challenge, DRAWS, Facts, Flown, Limits, Lost, Measure, Motion, RehearsalRefusal,
     Schedule, Snapshot, Sweep, Track, Tube, Verdict, Wanted, judge, schedule,
 };
-use shared_types::Slot;
+use shared_types::{PerSlot, Slot};
 use vehicle::{MorphAngle, VehicleParameters, quaternion_from_euler};
 
 const FLIP_S: f64 = 0.14;
@@ -16,8 +16,7 @@ fn facts() -> Facts {
         vehicle: VehicleParameters::default(),
         morph_angle_rad: MorphAngle::MIN.rad(),
         tilt_max_rad: 0.35,
-        attitude_period_s: 0.01,
-        position_period_s: 0.02,
+        period_s: PerSlot::from_fn(|slot| if slot == Slot::Attitude { 0.01 } else { 0.02 }),
         latency_s: 0.002,
         speed_m_s: 1.0,
         acceleration_m_s2: 0.5,
@@ -34,9 +33,7 @@ fn snapshot() -> Snapshot {
         "velocity_sigma_w_m_s": [0.01, 0.01, 0.01], "attitude_sigma_b_rad": [0.01, 0.01, 0.01],
         "gyro_bias_sigma_rad_s": 0.001, "accelerometer_bias_sigma_m_s2": 0.01,
         "rotor_thrust_n": [0.3, 0.3, 0.3, 0.3], "commanded": true, "force_w_n": [0.05, 0.0, 0.0],
-        "torque_b_nm": [0.0, 0.0, 0.0],
-        "attitude": { "epoch": 1, "seat": 0, "failed_over": false },
-        "position": { "epoch": 1, "seat": 0, "failed_over": false }, "guidance": {}
+        "torque_b_nm": [0.0, 0.0, 0.0], "guidance": {}
     }))
     .expect("a snapshot")
 }

@@ -42,11 +42,7 @@ const TRIP_S: f64 = 0.1;
 const TRIP_PERIODS: f64 = 5.0;
 
 fn shadow_s(facts: &Facts, slot: Slot) -> f64 {
-    let period_s = match slot {
-        Slot::Attitude => facts.attitude_period_s,
-        Slot::Position => facts.position_period_s,
-    };
-    SHADOW_PERIODS * period_s
+    SHADOW_PERIODS * facts.period_s[slot]
 }
 
 /// Latest instant at which the candidate takes over \[s\], rounded up to a multiple of 20 ms, which is a
@@ -95,7 +91,7 @@ pub(super) fn scenario(
     }
     let duration_s = match role {
         Role::Following => {
-            let period_s = facts.attitude_period_s + facts.position_period_s;
+            let period_s: f64 = facts.period_s.iter().map(|(_, period_s)| period_s).sum();
             trip_from_s(facts) + TRIP_S + TRIP_PERIODS * period_s
         }
         Role::Candidate | Role::Owner => flown.settings().rehearsal.duration_s,

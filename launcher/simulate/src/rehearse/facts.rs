@@ -3,7 +3,7 @@
 use pilot::{MorphKnot, Trajectory};
 use rehearsal::{Facts, Snapshot, Sweep};
 use scenario::{Plan, Scenario};
-use shared_types::Role;
+use shared_types::PerSlot;
 
 /// Number of intervals at whose ends the plan's speed and acceleration are sampled.
 const LOOKS: u32 = 60;
@@ -45,8 +45,7 @@ pub(super) fn of(scenario: &Scenario, snapshot: &Snapshot) -> Result<Facts, Stri
         vehicle: scenario.modelled_vehicle(),
         morph_angle_rad: snapshot.morph_angle_rad,
         tilt_max_rad: law.tilt_max_rad,
-        attitude_period_s: 1.0 / scenario.slot_rate_hz(Role::Attitude),
-        position_period_s: 1.0 / scenario.slot_rate_hz(Role::Position),
+        period_s: PerSlot::from_fn(|slot| 1.0 / scenario.slot_rate_hz(slot)),
         latency_s: latency.wrench_command_s + latency.attitude_setpoint_s,
         speed_m_s,
         acceleration_m_s2,

@@ -48,7 +48,7 @@ impl Rehearsal {
     pub fn prepare(spec: RehearsalSpec) -> Result<Self, Box<RehearsalRefusal>> {
         let mut edits = vec![Override::clock("lockstep")];
         for slot in Slot::ALL {
-            let owner = spec.owners.of(slot).map(|name| format!("{}={name}", slot.label()));
+            let owner = spec.owners[slot].as_ref().map(|name| format!("{}={name}", slot.label()));
             let edit = owner.map(|owner| Override::controller(&owner)).transpose();
             edits.extend(edit.map_err(not_rehearsed)?);
         }

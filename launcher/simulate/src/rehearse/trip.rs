@@ -10,7 +10,8 @@ use rehearsal::RehearsalRefusal;
 use scenario::candidate::name_of;
 use shared_types::time::s_from_ns;
 use shared_types::{
-    AppliedSetpoint, AttitudeSetpoint, NO_SEAT, OwnerRecord, Role as LoopRole, Sample, Topic, Trip,
+    AppliedSetpoint, AttitudeSetpoint, NO_SEAT, OwnerRecord, Role as LoopRole, Sample, Slot, Topic,
+    Trip,
 };
 use std::any::Any;
 
@@ -104,10 +105,10 @@ pub(super) fn fly_tripped<E: Observer>(
         return Err(failed(&exit.to_string()));
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
-    let two_periods_ns = (2e9 * facts.attitude_period_s).ceil() as u64;
+    let two_periods_ns = (2e9 * facts.period_s[Slot::Attitude]).ceil() as u64;
     let within_ns = FOLLOWED_WITHIN_NS.max(two_periods_ns);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
-    let levels_ns = (2e9 * facts.position_period_s).ceil() as u64;
+    let levels_ns = (2e9 * facts.period_s[Slot::Position]).ceil() as u64;
     let (has_tripped, due) = flight
         .seen(|(tripping, _)| (tripping.tripped_ns.is_some(), tripping.due(within_ns, levels_ns)));
     match due {

@@ -2,13 +2,13 @@
 
 use super::{SlotContext, Slots};
 use crate::orders::Executable;
-use crate::{FlightError, Owners, RehearsalSpec};
+use crate::{FlightError, RehearsalSpec};
 use ::rehearsal::{RehearsalRefusal as Refused, Verdict};
 use rehearsal::Measure;
 use scenario::Scenario;
 use scenario::candidate::Candidate;
 use shared_types::Seat as Place;
-use shared_types::Slot;
+use shared_types::{PerSlot, Slot};
 use slot::Seat;
 use slot::supervisor::{Event, RehearsalRefusal, Rehearsed};
 
@@ -106,10 +106,7 @@ impl Slots {
             scenario: self.rehearsing.scenario.clone(),
             snapshot,
             slot,
-            owners: Owners {
-                attitude: built_in(Slot::Attitude),
-                position: built_in(Slot::Position),
-            },
+            owners: PerSlot::from_fn(built_in),
             owner: owner.map(|owner| (name_of(owner), owner.config.clone())),
             candidate,
             config: executable.config.clone(),

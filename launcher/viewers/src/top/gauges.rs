@@ -1,6 +1,6 @@
 //! How loops do, by what they publish: stamps of the last second, totals of the flight.
 
-use protocol::topic::{header, known};
+use protocol::topic::header;
 use runtime::seat_of_loop;
 use serde::Serialize;
 use shared_types::wire::Value as _;
@@ -13,20 +13,19 @@ const WINDOW_NS: u64 = 1_000_000_000;
 const REMEMBERED: usize = 4096;
 
 /// A topic that each loop publishes at every step.
-const PULSES: [(&str, Role); 6] = [
-    ("imu", Role::Plant),
-    ("state_estimate", Role::Estimator),
-    ("attitude_setpoint", Role::Position),
-    ("wrench_command", Role::Attitude),
-    ("disturbance", Role::Disturbance),
-    ("morph_command", Role::Pilot),
+const PULSES: [&TopicInfo; 6] = [
+    &topics::IMU.info,
+    &topics::STATE_ESTIMATE.info,
+    &topics::ATTITUDE_SETPOINT.info,
+    &topics::WRENCH_COMMAND.info,
+    &topics::DISTURBANCE.info,
+    &topics::MORPH_COMMAND.info,
 ];
 
 /// Topics to listen to.
 #[must_use]
 pub fn wanted() -> Vec<&'static TopicInfo> {
-    let names = PULSES.iter().map(|(name, _)| *name).chain([topics::LOOP_STATS.info.name]);
-    names.filter_map(known).collect()
+    PULSES.into_iter().chain([&topics::LOOP_STATS.info]).collect()
 }
 
 /// Middle and end of a distribution \[us\].
@@ -84,14 +83,14 @@ impl Gauges {
             }
             return;
         }
-        let Some((_, role)) = PULSES.iter().find(|(name, _)| *name == topic.name) else { return };
-        if *role == Role::Plant {
+        let Some(pulse) = PULSES.iter().find(|pulse| pulse.name == topic.name) else { return };
+        if pulse.from == Role::Plant {
             self.imu.push_back((header.sequence, header.publish_mono_ns));
             if self.imu.len() > REMEMBERED {
                 self.imu.pop_front();
             }
         }
-        self.step(*role, &header);
+        self.step(pulse.from, &header);
     }
 
     fn step(&mut self, role: Role, header: &Header) {

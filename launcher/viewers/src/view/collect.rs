@@ -106,7 +106,7 @@ impl Collect {
         self.course.observe_pose(t_ns, truth.position_w_m, euler.z);
         self.truth = Some((t_ns, truth.position_w_m));
         self.compare(false);
-        self.loop_step(0, &truth.header);
+        self.loop_step(Role::Plant, &truth.header);
     }
 
     fn compare(&mut self, finished: bool) {
@@ -120,7 +120,7 @@ impl Collect {
 
     /// The estimate beside the truth of its instant, if that came before it.
     fn estimate(&mut self, estimate: &StateEstimate) {
-        self.loop_step(1, &estimate.header);
+        self.loop_step(Role::Estimator, &estimate.header);
         let [x, y, z] = estimate.position_sigma_w_m;
         let t_ns = estimate.header.valid_ns;
         let sigma_m = libm::sqrt(x * x + y * y + z * z);
@@ -148,7 +148,7 @@ impl Collect {
             uses.increment[i] = uses.increment[i].max(share.abs());
             uses.torque[i] = uses.torque[i].max(torque.used(i));
         }
-        self.loop_step(3, &report.header);
+        self.loop_step(Role::Attitude, &report.header);
     }
 
     fn position_report(&mut self, report: &PositionReport) {
@@ -165,7 +165,7 @@ impl Collect {
         let bounded = report.bounded();
         self.uses.thrust = self.uses.thrust.max(bounded.used(2));
         self.uses.tilt = self.uses.tilt.max(bounded.used(0)).max(bounded.used(1));
-        self.loop_step(2, &report.header);
+        self.loop_step(Role::Position, &report.header);
     }
 
     /// True if the sample's seat commanded at its instant.
@@ -173,7 +173,8 @@ impl Collect {
         self.owners.owner_at(slot, header.release_ns).is_none_or(|owner| owner == header.seat)
     }
 
-    fn loop_step(&mut self, place: usize, header: &Header) {
+    fn loop_step(&mut self, role: Role, header: &Header) {
+        let Some(place) = LOOPS.iter().position(|known| *known == role) else { return };
         let us = |from: u64, to: u64| (from > 0).then(|| to.saturating_sub(from) as f64 * 1e-3);
         let t_ns = header.release_ns;
         // In lockstep there is no instant at which a step is due on the wall.
@@ -221,7 +222,7 @@ impl Collect {
 
     fn loop_stats(&mut self, stats: &LoopStats) {
         self.loops.observe(stats);
-        if let Some(place) = LOOPS.iter().position(|name| *name == stats.role.label()) {
+        if let Some(place) = LOOPS.iter().position(|role| *role == stats.role) {
             let missed = self.loops.missed(stats.role);
             self.panels.misses.put(place, stats.header.release_ns, missed as f64);
         }

@@ -2,6 +2,7 @@
 
 use super::envelope::Envelope;
 use figures::figure::{Colour, Dash};
+use shared_types::Role;
 
 /// One pair of axes over time.
 #[derive(Debug)]
@@ -144,14 +145,15 @@ pub(crate) struct Panels {
 }
 
 /// Loops whose health is shown, in the order of the series.
-pub(crate) const LOOPS: [&str; 4] = ["plant", "estimator", "position", "attitude"];
+pub(crate) const LOOPS: [Role; 4] = [Role::Plant, Role::Estimator, Role::Position, Role::Attitude];
 const LOOP_COLOURS: [Colour; 4] = [Colour::Black, Colour::Green, Colour::Orange, Colour::Blue];
 
 impl Panels {
     /// With what the vehicle can do.
     pub(crate) fn new(rotor_thrust_max_n: f64) -> Self {
         let torque = [("Torque, roll", "τx"), ("Torque, pitch", "τy"), ("Torque, yaw", "τz")];
-        let by_loop = |title, unit| Panel::new(title, unit).lines(LOOPS, LOOP_COLOURS);
+        let by_loop =
+            |title, unit| Panel::new(title, unit).lines(LOOPS.map(Role::label), LOOP_COLOURS);
         let along = |title, unit| Panel::new(title, unit).lines(["x", "y", "z"], XYZ);
         let attitude = Panel::new("Attitude", "°").lines(["roll φ", "pitch θ", "yaw ψ"], XYZ);
         let set_points = ["φ set", "θ set", "ψ set"].into_iter().zip(XYZ);

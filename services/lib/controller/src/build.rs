@@ -3,7 +3,7 @@
 use crate::OutOfRange;
 use crate::preview::Landing;
 use runtime::Service;
-use shared_types::Slot;
+use shared_types::{PerSlot, Slot};
 use thiserror::Error;
 use vehicle::VehicleParameters;
 
@@ -18,14 +18,10 @@ pub struct FlightFacts {
     pub is_rig: bool,
     /// Rate of the plant, which reports what was applied \[Hz\].
     pub plant_rate_hz: f64,
-    /// Rate of the loop that flies in the attitude slot \[Hz\].
-    pub attitude_rate_hz: f64,
-    /// Rate of the loop that flies in the position slot \[Hz\].
-    pub position_rate_hz: f64,
-    /// Rate of an attitude controller whose section has none \[Hz\].
-    pub usual_attitude_rate_hz: f64,
-    /// Rate of a position controller whose section has none \[Hz\].
-    pub usual_position_rate_hz: f64,
+    /// Rate of the loop that flies in a slot \[Hz\].
+    pub rate_hz: PerSlot<f64>,
+    /// Rate of a controller of the slot whose section has none \[Hz\].
+    pub usual_rate_hz: PerSlot<f64>,
     /// Declared latency of the wrench command \[s\].
     pub wrench_latency_s: f64,
     /// Declared latency of the attitude set point \[s\].

@@ -12,11 +12,11 @@ use catalogue::{Altering, Entry, Fault, Spoiler, entries};
 use observe::Observer;
 use scenario::services::names_for;
 use scenario::{Override, Scenario};
-use shared_types::{MorphCommand, Reference, Sample, Slot, Topic, Truth};
+use shared_types::{MorphCommand, PerSlot, Reference, Sample, Slot, Topic, Truth};
 use simulate::in_process::{InProcess, StateSource};
 use simulate::rehearse::{Rehearsal, RehearsalRefusal, Role, Verdict, verdict, watch};
 use std::any::Any;
-use swap::{Owners, RehearsalSpec};
+use swap::RehearsalSpec;
 use vehicle::MorphAngle;
 
 fn load(name: &str, set: &[&str]) -> Scenario {
@@ -30,7 +30,7 @@ fn spec(scenario: &Scenario, at_s: f64, slot: Slot, candidate: &str) -> Rehearsa
         scenario: scenario.to_toml().to_owned(),
         snapshot: watch::snapshot_of(scenario, at_ns).unwrap().unwrap(),
         slot,
-        owners: Owners::default(),
+        owners: PerSlot::default(),
         owner: None,
         candidate: candidate.to_owned(),
         config: None,

@@ -3,6 +3,7 @@
 use crate::FlightFacts;
 use mpc::LaggedAxis;
 use nalgebra::Vector3;
+use shared_types::Slot;
 
 /// Far below any period \[s\]: 1/500 − 0.001 must count as 0.001.
 const ROUNDING_S: f64 = 1e-9;
@@ -23,7 +24,7 @@ impl From<&FlightFacts> for Timing {
     /// At the usual rate of the slot.
     fn from(flight: &FlightFacts) -> Self {
         Self {
-            period_s: 1.0 / flight.usual_attitude_rate_hz,
+            period_s: 1.0 / flight.usual_rate_hz[Slot::Attitude],
             latency_s: flight.wrench_latency_s,
             report_s: 1.0 / flight.plant_rate_hz,
             rotor_lag_s: flight.vehicle.rotor_lag_s,

@@ -38,7 +38,7 @@ use iceoryx2::prelude::{
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::{Schema, Wire};
-use shared_types::{Edge, NodeId, Role, Sample, Topic, TopicInfo, topics};
+use shared_types::{Edge, NodeId, Role, Sample, Seat, Topic, TopicInfo, topics};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -65,7 +65,7 @@ const MAX_NODES: usize = 32;
 /// Recorder and two observers.
 const WATCHERS: usize = 3;
 /// Processes that may take part at once, and those that have just died.
-const MAX_PROCESSES: usize = 16;
+const MAX_PROCESSES: usize = Seat::TOTAL + 3;
 
 /// For how long a process waits for room in a service, and how often it looks \[ns\]: freeing what the dead have left
 /// takes tenths of a second.

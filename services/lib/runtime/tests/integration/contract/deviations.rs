@@ -343,7 +343,7 @@ fn what_comes_late_together_with_the_record_that_ends_its_seat_is_late() {
     // After another change it is the same: what counts is what the step at 2 ms knew.
     learn(&mut bench, 3, 3, 5, Some(4 * MS));
     bench.publish((1, 0), 7, 2);
-    bench.publish((0, 0), 1, 2);
+    bench.publish((3, 0), 10, 2);
     assert_eq!(step(&mut bench), [(1, 7, 7, 2)]);
 }
 
