@@ -33,7 +33,7 @@ pub fn print(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
 pub fn print_json(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     let graph = scenario.graph().map_err(io::Error::other)?;
     let assignment = Assignment::of(scenario.settings());
-    let whole: toml::Table = scenario.to_toml().parse().map_err(io::Error::other)?;
+    let whole: toml::Table = scenario.to_complete_toml().parse().map_err(io::Error::other)?;
     let loops = graph.nodes().iter().map(|node| {
         json!({
             "loop": node.role.label(),

@@ -131,7 +131,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
             let scenario = load(&arguments.scenario, diagnostics)?;
             match arguments.format {
                 CheckFormat::Text => check::print(&scenario, out)?,
-                CheckFormat::Toml => out.write_all(scenario.to_toml().as_bytes())?,
+                CheckFormat::Toml => out.write_all(scenario.to_complete_toml().as_bytes())?,
                 CheckFormat::Json => check::print_json(&scenario, out)?,
             }
         }

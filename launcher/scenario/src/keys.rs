@@ -34,6 +34,8 @@ pub struct Key {
     pub is_required: bool,
     /// What it means, with its unit.
     pub meaning: String,
+    /// How many parts of the name, from the first on, lead to a table that is there only if the scenario writes it.
+    pub(crate) written_tables: usize,
 }
 
 /// All sections in the order of the alphabet.
@@ -53,7 +55,7 @@ pub fn sections() -> Vec<Section> {
 fn section<T: JsonSchema>(name: &'static str) -> Section {
     let schema = schema::<T>();
     let mut keys = Vec::new();
-    walk(name, &schema, None, &mut keys);
+    walk(name, &schema, (None, 0), &mut keys);
     Section { name, meaning: meaning(&schema), keys }
 }
 
@@ -61,7 +63,7 @@ fn section<T: JsonSchema>(name: &'static str) -> Section {
 fn list<T: IntoIterator<Item: JsonSchema>>(name: &'static str) -> Section {
     let schema = schema::<T::Item>();
     let mut keys = Vec::new();
-    walk(&format!("{name}[]"), &schema, None, &mut keys);
+    walk(&format!("{name}[]"), &schema, (None, 0), &mut keys);
     Section { name, meaning: meaning(&schema), keys }
 }
 
@@ -77,7 +79,7 @@ fn pilot(name: &'static str) -> Section {
         ("attitude_step", schema::<pilot::Step>()),
     ];
     for (kind, schema) in kinds {
-        walk(name, &schema, Some(kind), &mut section.keys);
+        walk(name, &schema, (Some(kind), 0), &mut section.keys);
     }
     section
 }
@@ -95,7 +97,7 @@ fn injector(name: &'static str) -> Section {
     let script = format!("{list}[]");
     section.keys.push(kind(&format!("{script}.kind"), &kinds.each_ref().map(|(kind, _)| *kind)));
     for (kind, schema) in kinds {
-        walk(&script, &schema, Some(kind), &mut section.keys);
+        walk(&script, &schema, (Some(kind), 0), &mut section.keys);
     }
     section
 }
@@ -110,6 +112,7 @@ fn kind(name: &str, values: &[&str]) -> Key {
         default: None,
         is_required: true,
         meaning: "Which of them it is; the keys below that name one belong to it alone.".to_owned(),
+        written_tables: 0,
     }
 }
 
@@ -120,29 +123,38 @@ fn schema<T: JsonSchema>() -> Value {
     Schema::to_value(settings.into_generator().into_root_schema_for::<T>())
 }
 
-/// Every key of a table and of the tables in it.
-fn walk(prefix: &str, schema: &Value, kind: Option<&'static str>, keys: &mut Vec<Key>) {
+/// Every key of a table and of the tables in it, beside the `kind` to which they belong, with how many tables of the prefix
+/// have to be written.
+fn walk(
+    prefix: &str,
+    schema: &Value,
+    (kind, written_tables): (Option<&'static str>, usize),
+    keys: &mut Vec<Key>,
+) {
     let Some(Value::Object(properties)) = schema.get("properties") else { return };
     let required = schema.get("required").and_then(Value::as_array);
     for (property, value) in properties {
         let name = format!("{prefix}.{property}");
+        let as_written = (kind, name.split('.').count());
+        let is_optional = may_be_left_out(value);
         let value = present(value);
         let entry = value.get("items").filter(|items| items.get("properties").is_some());
         let variants = value.get("oneOf").and_then(Value::as_array).into_iter().flatten();
         let mut tables = variants.filter(|variant| variant.get("properties").is_some()).peekable();
         if let Some(entry) = entry {
-            walk(&format!("{name}[]"), entry, kind, keys);
+            walk(&format!("{name}[]"), entry, (kind, written_tables), keys);
         } else if tables.peek().is_some() {
             let before = keys.len();
             for table in tables {
-                walk(&name, table, kind, keys);
+                walk(&name, table, as_written, keys);
             }
             // One of them is enough.
             for key in keys.iter_mut().skip(before) {
                 key.is_required = false;
             }
         } else if value.get("properties").is_some() {
-            walk(&name, &value, kind, keys);
+            let within = if is_optional { as_written } else { (kind, written_tables) };
+            walk(&name, &value, within, keys);
         } else {
             let default = value.get("default").filter(|default| !default.is_null()).cloned();
             let is_required =
@@ -151,9 +163,25 @@ fn walk(prefix: &str, schema: &Value, kind: Option<&'static str>, keys: &mut Vec
             // The meaning of a field of a variant is that of the variant.
             let meaning = Some(meaning(&value)).filter(|text| !text.is_empty());
             let meaning = meaning.unwrap_or_else(|| self::meaning(schema));
-            keys.push(Key { name, kind, takes, range, default, is_required, meaning });
+            keys.push(Key {
+                name,
+                kind,
+                takes,
+                range,
+                default,
+                is_required,
+                meaning,
+                written_tables,
+            });
         }
     }
+}
+
+/// Whether there may be no value at all.
+fn may_be_left_out(value: &Value) -> bool {
+    let kinds = value.get("type").and_then(Value::as_array);
+    value.get("anyOf").is_some()
+        || kinds.is_some_and(|kinds| kinds.iter().any(|kind| kind == "null"))
 }
 
 /// What a value that may be left out is if it is there.
@@ -261,7 +289,8 @@ impl Key {
     /// As an object.
     #[must_use]
     pub fn to_json(&self) -> Value {
-        let Self { name, kind, takes, range: [least, most], default, is_required, meaning } = self;
+        let Self { name, kind, takes, range: [least, most], default, is_required, meaning, .. } =
+            self;
         Value::Object(Map::from_iter([
             ("key".to_owned(), name.as_str().into()),
             ("kind".to_owned(), (*kind).into()),

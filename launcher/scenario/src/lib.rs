@@ -10,6 +10,7 @@ mod sections;
 pub mod candidate;
 mod check;
 mod clock;
+mod complete;
 mod configs;
 mod deadlines;
 mod embedded;
