@@ -39,7 +39,8 @@ pub struct SwapSettings {
     #[serde(default = "rollback_s")]
     #[garde(range(min = 0.0, max = 3600.0))]
     pub rollback_s: f64,
-    /// Largest step of the command, as a share of its bound; what suits the kind of swap if left out.
+    /// How far (rms) the candidate may disagree with the owner, as a share of the largest command, however hard that
+    /// works; if left out, 0.01 for the same kind of controller, and 0.1 and more where the owner works hard for another.
     #[garde(range(min = 0.0, max = 2.0))]
     pub max_bump: Option<f64>,
     /// Take over whatever the gate and the rehearsal decide.

@@ -20,8 +20,8 @@ pub struct Settings {
     /// Error \[rad\] that costs as much as the whole torque built up within `torque_rise_s`.
     #[garde(range(min = 1e-4, max = 10.0))]
     pub angle_error_rad: f64,
-    /// That time for roll, pitch and yaw \[s\]: shorter is faster and passes more noise. If left out
-    /// 6.25 ms, at least 0.6 of a period.
+    /// Time in which the whole torque of roll, pitch and yaw builds up at the cost of `angle_error_rad` \[s\]: shorter is
+    /// faster and passes more noise. If left out 6.25 ms, at least 0.6 of a period.
     #[garde(inner(inner(range(min = 1e-6, max = 100.0))))]
     pub torque_rise_s: Option<[f64; 3]>,
     /// An error of `angle_error_rad` for this long \[s\] costs as much again: shorter takes out a

@@ -9,8 +9,8 @@ Examples:
   morphquad run hover --goto 1,0,2@3s --morph 120@5s,over=1s
   morphquad run my-scenario.toml --in-process --format json
 
-Ends with 0 flown, 1 a bound was violated or the vehicle lost, 2 usage or scenario, 3 unfit environment, \
-4 crash, 5 passed although a swap of the script was refused or taken back, 130 interrupted.";
+Ends with 0 flown, 1 FAILED or LOST, 2 usage or scenario, 3 unfit environment or incomplete recording, 4 crash, \
+5 passed although a swap of the script was refused or taken back, 130 interrupted.";
 
 pub(super) const LIST: &str = "Examples:\n  morphquad list\n  morphquad list --format json";
 

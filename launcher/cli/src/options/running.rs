@@ -107,8 +107,8 @@ pub struct SwapArguments {
     /// How long it shadows before it is judged
     #[arg(long, value_name = "DURATION", default_value = "1s", allow_hyphen_values = true, value_parser = duration)]
     pub shadow: Duration,
-    /// Largest step of the command, as a share of the largest one; 1% for the same kind of
-    /// controller, 10% for another
+    /// How far (rms) it may disagree with the owner, as a share of the largest command, however hard
+    /// that works; left out, 1% for the same kind, 10% and more where the owner works hard for another
     #[arg(long, value_name = "PERCENT", value_parser = bump)]
     pub max_bump: Option<f64>,
     /// How long the old owner stays warm

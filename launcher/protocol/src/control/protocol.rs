@@ -57,7 +57,7 @@ pub struct SwapRequest {
     /// How long it shadows before it is judged \[ns\].
     #[serde(default = "shadow_ns")]
     pub shadow_ns: u64,
-    /// Largest step of the command, over the largest command; what suits the kind if left out.
+    /// How far (rms) it may disagree with the owner, over the largest command; what suits the kind if left out.
     #[serde(default)]
     pub max_bump: Option<f64>,
     /// How long the old owner stays warm \[ns\].
