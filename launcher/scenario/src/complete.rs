@@ -1,13 +1,15 @@
 //! A scenario with the values of the keys that were left out.
 
 use crate::Scenario;
-use crate::keys::{self, Key};
+use crate::keys::{self, Key, Section};
+use crate::services::LOOPS;
 use ::pilot::settings::KINDS;
+use shared_types::Slot;
 use toml::{Table, Value};
 
 impl Scenario {
     /// As [`to_toml`](Self::to_toml), with every key that was left out and has a value of its own, so that it is the same
-    /// scenario for a build with other defaults. What is still left out depends on the rest.
+    /// scenario for a build with other defaults. What is still left out depends on the rest, or has no effect.
     #[must_use]
     pub fn to_complete_toml(&self) -> String {
         let mut table: Table = self.to_toml().parse().unwrap_or_default();
@@ -15,7 +17,14 @@ impl Scenario {
         if let Some(pilot) = pilot.as_table_mut() {
             pilot.entry("kind").or_insert_with(|| KINDS[0].into());
         }
-        for key in keys::sections().iter().flat_map(|section| &section.keys) {
+        let is_rig = self.settings().pilot.is_rig();
+        let is_idle = |section: &Section| {
+            let own = LOOPS.iter().find(|known| known.section == section.name);
+            is_rig && own.is_some_and(|own| own.role() == Slot::Position.role())
+        };
+        let sections = keys::sections();
+        let flown = sections.iter().filter(|section| !is_idle(section));
+        for key in flown.flat_map(|section| &section.keys) {
             let default = key.default.as_ref().and_then(|value| Value::try_from(value).ok());
             let is_empty_table = |value: &Value| value.as_table().is_some_and(Table::is_empty);
             if let Some(default) = default.filter(|value| !is_empty_table(value)) {
@@ -32,12 +41,13 @@ impl Scenario {
 fn fill(table: &mut Table, path: &[&str], (key, kind): (&Key, Option<&str>), value: &Value) {
     let own = table.get("kind").and_then(Value::as_str).map(str::to_owned);
     let kind = own.as_deref().or(kind);
+    if key.kind.is_some() && kind.is_some() && key.kind != kind {
+        return;
+    }
     match path {
         [] => {}
         [last] => {
-            if key.kind.is_none() || key.kind == kind {
-                table.entry(*last).or_insert_with(|| value.clone());
-            }
+            table.entry(*last).or_insert_with(|| value.clone());
         }
         [first, rest @ ..] => {
             if let Some(list) = first.strip_suffix("[]") {
@@ -78,7 +88,10 @@ mod tests {
             };
             assert_eq!(warnings(&first), warnings(&again), "{name}");
             let table: Table = text.parse().expect("TOML");
-            for key in keys::sections().iter().flat_map(|section| &section.keys) {
+            let sections = keys::sections();
+            let is_rig = first.settings().pilot.is_rig();
+            let flown = sections.iter().filter(|own| !is_rig || !own.name.contains("position"));
+            for key in flown.flat_map(|section| &section.keys) {
                 let is_everywhere = key.kind.is_none() && key.written_tables == 0;
                 let has_value =
                     key.default.as_ref().is_some_and(|value| *value != serde_json::json!({}));
