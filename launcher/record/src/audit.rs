@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_restarted_controller_with_another_command_under_the_same_number_repeats_nothing() {
+    fn a_restarted_controller_that_commands_something_else_repeats_nothing() {
         let mut audit = SequenceAudit::default();
         let info = &topics::WRENCH_COMMAND.info;
         let commands = audit.register(info.name);

@@ -74,7 +74,7 @@ mod tests {
     use crate::{Override, shipped};
 
     #[test]
-    fn a_completed_scenario_is_the_same_flight_and_has_every_key_with_a_value_of_its_own() {
+    fn a_completed_scenario_is_the_same_flight_and_has_every_key_with_a_default() {
         let barometer = [Override::set("plant.barometer.rate_hz=50").expect("an override")];
         let shipped = shipped::names().map(|name| (name, &[][..]));
         for (name, edits) in shipped.chain([("hover", &barometer[..])]) {

@@ -204,7 +204,7 @@ fn a_copy_that_only_the_recorder_had_of_a_killed_writer_comes_from_its_successor
 }
 
 #[test]
-fn one_that_joined_had_the_copy_of_a_killed_writer_from_its_successor_before_its_first_step() {
+fn one_that_joined_had_a_killed_writers_copy_from_its_successor() {
     let slot = &topics::WRENCH_COMMAND.info;
     let began = Deviation {
         input: Deviation::input_from(slot.name),
