@@ -4,7 +4,7 @@
 //! [`Slot::spec`].
 
 use crate::{OwnerRecord, Role, Topic, TopicInfo, topics};
-use core::ops::{Index, IndexMut};
+use core::ops::Index;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 
@@ -118,12 +118,6 @@ impl<T> Index<Slot> for PerSlot<T> {
     type Output = T;
     fn index(&self, slot: Slot) -> &T {
         &self.0[slot.index()]
-    }
-}
-
-impl<T> IndexMut<Slot> for PerSlot<T> {
-    fn index_mut(&mut self, slot: Slot) -> &mut T {
-        &mut self.0[slot.index()]
     }
 }
 

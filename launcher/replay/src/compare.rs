@@ -286,7 +286,7 @@ impl Compare<'_> {
                     }
                     Pair::Again(item) => {
                         let Header { sequence, release_ns, .. } = header(item);
-                        // A successor repeats its predecessor's last steps; the recorder took one.
+                        // A successor repeats its predecessor's last steps; of equal ones the recorder took one.
                         let repeated = sequence <= known;
                         // Killed between two samples of a step.
                         let cut = !life.in_order && last.is_none_or(|last| sequence > last);

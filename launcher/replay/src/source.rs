@@ -142,11 +142,11 @@ impl Exceptions {
     }
 
     /// What a process published and had no time to announce, before it was killed, reaches the readers from its
-    /// successor, which publishes it again with the same number; the recorder keeps the first copy alone. Here such
-    /// samples become the successor's, for a reader that had them from there.
+    /// successor, which publishes it again with the same number; the recorder keeps the first copy alone unless the
+    /// second one is another command. Here such samples become the successor's, for a reader that had them from there.
     ///
     /// One that joined had such a copy before its first step without its number being reported: that is the last sample
-    /// of the one before, if the successor's own samples follow it.
+    /// of the one before, if the successor's own samples follow it, or there are none.
     fn attribute<T: Sample>(&self, by_writer: &mut BTreeMap<Writer, Vec<T>>) {
         for (&writer, &first) in &self.first {
             let begins = by_writer.get(&writer).and_then(|samples| samples.first());

@@ -8,8 +8,8 @@ use shared_types::Slot;
 use toml::{Table, Value};
 
 impl Scenario {
-    /// As [`to_toml`](Self::to_toml), with every key that was left out and has a value of its own, so that it is the same
-    /// scenario for a build with other defaults. What is still left out depends on the rest, or has no effect.
+    /// As [`to_toml`](Self::to_toml), with every key that was left out and has a default in the reference. What is still left
+    /// out follows from the rest, as a weight from the rate of its loop, or has no effect.
     #[must_use]
     pub fn to_complete_toml(&self) -> String {
         let mut table: Table = self.to_toml().parse().unwrap_or_default();
@@ -44,10 +44,13 @@ fn fill(table: &mut Table, path: &[&str], (key, kind): (&Key, Option<&str>), val
     if key.kind.is_some() && kind.is_some() && key.kind != kind {
         return;
     }
+    let may_be_made = key.name.split('.').count() - path.len() >= key.written_tables;
     match path {
         [] => {}
         [last] => {
-            table.entry(*last).or_insert_with(|| value.clone());
+            if may_be_made {
+                table.entry(*last).or_insert_with(|| value.clone());
+            }
         }
         [first, rest @ ..] => {
             if let Some(list) = first.strip_suffix("[]") {
@@ -57,8 +60,7 @@ fn fill(table: &mut Table, path: &[&str], (key, kind): (&Key, Option<&str>), val
                 }
                 return;
             }
-            let depth = key.name.split('.').count() - path.len();
-            if depth >= key.written_tables {
+            if may_be_made {
                 table.entry(*first).or_insert_with(|| Table::new().into());
             }
             if let Some(inner) = table.get_mut(*first).and_then(Value::as_table_mut) {
@@ -71,14 +73,24 @@ fn fill(table: &mut Table, path: &[&str], (key, kind): (&Key, Option<&str>), val
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Override, shipped};
+    use crate::shipped;
 
     #[test]
     fn a_completed_scenario_is_the_same_flight_and_has_every_key_with_a_default() {
-        let barometer = [Override::set("plant.barometer.rate_hz=50").expect("an override")];
-        let shipped = shipped::names().map(|name| (name, &[][..]));
-        for (name, edits) in shipped.chain([("hover", &barometer[..])]) {
-            let first = Scenario::load(name, edits).expect("a scenario");
+        // Tables that are there only if they are written, and one of several kinds of a table.
+        let more = [
+            "",
+            "[plant.barometer]\nrate_hz = 50\n[plant.imu.bias_step]\nat_s = 1.0\n",
+            "[[order]]\nat_s = 2.0\ndisturb = { load = { force_w_n = [0.1, 0.0, 0.0] }, for_s = 1.0 }\n",
+            "[[order]]\nat_s = 2.0\ndisturb = { load = { wind = { mean_w_m_s = [1.0, 0.0, 0.0] } } }\n",
+            "[[swap]]\nslot = \"attitude\"\nto = \"attitude-pid\"\nat_s = 1.0\n",
+            "[[standby]]\nslot = \"attitude\"\nname = \"attitude-lqr\"\n",
+        ];
+        let shipped = shipped::names().map(|name| (name, Scenario::load(name, &[])));
+        let written =
+            more.iter().map(|text| ("written", Scenario::from_text("mine.toml", text, &[])));
+        for (name, first) in shipped.chain(written) {
+            let first = first.expect("a scenario");
             let text = first.to_complete_toml();
             let again = Scenario::from_text("mine.toml", &text, &[]).expect("a scenario");
             assert_eq!(format!("{:?}", first.settings()), format!("{:?}", again.settings()));

@@ -34,7 +34,7 @@ pub struct Key {
     pub is_required: bool,
     /// What it means, with its unit.
     pub meaning: String,
-    /// How many parts of the name, from the first on, lead to a table that is there only if the scenario writes it.
+    /// How many parts of the name, from the first on, lead to what is there only if the scenario writes it.
     pub(crate) written_tables: usize,
 }
 
@@ -135,7 +135,6 @@ fn walk(
     let required = schema.get("required").and_then(Value::as_array);
     for (property, value) in properties {
         let name = format!("{prefix}.{property}");
-        let as_written = (kind, name.split('.').count());
         let is_optional = may_be_left_out(value);
         let value = present(value);
         let entry = value.get("items").filter(|items| items.get("properties").is_some());
@@ -145,6 +144,8 @@ fn walk(
             walk(&format!("{name}[]"), entry, (kind, written_tables), keys);
         } else if tables.peek().is_some() {
             let before = keys.len();
+            // The first part below names which of them it is, and is there only if it is written.
+            let as_written = (kind, name.split('.').count() + 1);
             for table in tables {
                 walk(&name, table, as_written, keys);
             }
@@ -153,8 +154,8 @@ fn walk(
                 key.is_required = false;
             }
         } else if value.get("properties").is_some() {
-            let within = if is_optional { as_written } else { (kind, written_tables) };
-            walk(&name, &value, within, keys);
+            let within = if is_optional { name.split('.').count() } else { written_tables };
+            walk(&name, &value, (kind, within), keys);
         } else {
             let default = value.get("default").filter(|default| !default.is_null()).cloned();
             let is_required =

@@ -37,7 +37,7 @@ macro_rules! loops {
 }
 with_controllers!(loops []);
 
-/// Rate of a controller whose section has none \[Hz\]: that of the first one of its slot, which has one.
+/// Rate of a controller whose section has none \[Hz\]: that of the first one of its slot, which has one of its own.
 pub(crate) fn usual_rate_hz(slot: Slot, settings: &Settings) -> f64 {
     Loop::of(slot.role()).map_or(0.0, |first| (first.rate_hz)(settings))
 }
@@ -149,5 +149,24 @@ impl Assignment {
             *slot = found;
         }
         found.is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_controller_of_each_slot_has_a_rate_of_its_own() {
+        macro_rules! rates {
+            ([] $($name:literal $section:ident $settings:ty,)*) => {
+                [$((<$settings>::SLOT, <$settings>::default().rate_hz())),*]
+            };
+        }
+        let rates = with_controllers!(rates []);
+        for slot in Slot::ALL {
+            let first = rates.iter().find(|(own, _)| *own == slot);
+            assert!(first.is_some_and(|(_, rate_hz)| rate_hz.is_some()), "{}", slot.label());
+        }
     }
 }

@@ -32,3 +32,19 @@ pub struct RehearsalSpec {
     /// Number of the swap within the run.
     pub swap: u64,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn owners_are_read_by_the_names_of_slots_and_others_are_refused() {
+        let read = |text: &str| serde_json::from_str::<PerSlot<Option<String>>>(text);
+        let owners = read(r#"{"attitude": "attitude-lqr"}"#).expect("a slot");
+        assert_eq!(owners[Slot::Attitude].as_deref(), Some("attitude-lqr"));
+        assert_eq!(owners[Slot::Position], None);
+        let text = serde_json::to_string(&owners).expect("a table");
+        assert_eq!(read(&text).expect("the same"), owners);
+        assert!(read(r#"{"estimator": "attitude-lqr"}"#).is_err());
+    }
+}

@@ -96,7 +96,7 @@ shared_types::memory! {
         pub replaced_ns: [u64; Slot::COUNT],
         /// Epoch of the position slot in which the attitude slot has last reported the fallback in command; 0 for none.
         pub failed_over: u64,
-        /// Last trip published for it.
+        /// Of each slot: last trip published for it.
         pub trips: [LastTrip; Slot::COUNT],
         /// Instant of the last step \[ns\].
         pub seen_ns: u64,
