@@ -14,6 +14,7 @@ mod branch;
 mod campaign;
 mod control;
 mod doctor;
+mod empty_objects;
 mod faults;
 mod gate;
 mod in_process;

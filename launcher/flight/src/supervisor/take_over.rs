@@ -9,7 +9,7 @@ use runtime::SeatMarks;
 use runtime::clock::WallMap;
 use runtime::ipc::{Bus, PortError};
 use shared_types::{ClockRecord, OwnerRecord, Role, Seat};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use swap::child::RunningChild;
 use swap::post::Post;
 use swap::{FlightError, OrderSinks, PostNote, RegistryWriter, SlotOwner};
@@ -137,6 +137,11 @@ impl Supervisor {
         }
         self.note();
         Ok(())
+    }
+
+    /// Folder of the run.
+    pub(crate) fn folder(&self) -> &Path {
+        &self.folder
     }
 
     /// Seats whose processes live, with layout and period of each \[ns\].
