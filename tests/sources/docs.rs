@@ -85,8 +85,8 @@ fn the_table_of_the_numbers_of_a_flight_is_the_one_of_the_code() {
 fn scenario_reference() -> String {
     let mut text = "# Scenario reference\n\n\
         Every section of a scenario with its keys, made of the types that read them. `morphquad scenario keys` shows the\n\
-        same at a prompt, and `morphquad check SCENARIO --format toml` writes a whole scenario, with the value of every\n\
-        key that has one of its own.\n"
+        same at a prompt, and `morphquad check SCENARIO --format toml` writes a whole scenario, keys that were left\n\
+        out with their defaults.\n"
         .to_owned();
     for section in scenario::keys::sections() {
         let heading = "| key | takes | default | meaning |\n|---|---|---|---|\n";

@@ -246,7 +246,7 @@ pub struct CheckArguments {
 pub enum CheckFormat {
     /// For people
     Text,
-    /// The whole scenario as a file, with the value of every key that has one of its own
+    /// The whole scenario as a file, keys that were left out with their defaults
     Toml,
     /// Loops, edges and the whole scenario, for machines
     Json,

@@ -9,8 +9,8 @@ mod finish;
 mod leftovers;
 mod start;
 mod timed;
-mod unblocker;
 mod watch;
+mod watchdog;
 
 pub use adopt::{AdoptError, AdoptOptions, adopt};
 
@@ -51,7 +51,7 @@ use swap::services::{HeldServices, Wakers};
 use swap::{FlightError, Script, SlotContext, Slots};
 use timed::Timed;
 use timing::Announcements;
-use unblocker::Unblocker;
+use watchdog::Watchdog;
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
@@ -214,10 +214,10 @@ impl Flight {
     fn fly(&mut self) -> Outcome {
         let mut interrupted = false;
         let mut leave_by_ns = u64::MAX;
-        let unblocker = Unblocker::of(self.supervisor.folder().to_owned());
+        let watchdog = Watchdog::of(self.supervisor.folder().to_owned());
         loop {
             let now_ns = mono_now_ns();
-            unblocker.see(now_ns);
+            watchdog.kick(now_ns);
             self.tap.drain(now_ns);
             let drained = self.drained_ns();
             self.name_standstill(now_ns);

@@ -21,8 +21,8 @@ Examples:
   morphquad check hover --set plant.rate_hz=2000 --format toml > mine.toml
   ./generate | morphquad check -
 
-Shows loops, rates, latencies and deadlines; as TOML the whole scenario, keys that were left out with their defaults, which `run` takes again, as \
-JSON both. A scenario has at most 4 MB. Ends with 2 if it cannot be flown: file, line, key and remedy.";
+Shows loops, rates, latencies and deadlines; as TOML the whole scenario, keys that were left out with their \
+defaults, which `run` takes again, as JSON both. A scenario has at most 4 MB. Ends with 2 if it cannot be flown: file, line, key and remedy.";
 
 pub(super) const REPLAY: &str = "\
 Examples:
