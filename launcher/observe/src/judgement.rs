@@ -3,7 +3,7 @@
 use super::facts::Facts;
 use super::loops::{missed, seat_name};
 use super::metrics::Metrics;
-use ::verdict::{End, Grade, Misses, Outcome, Verdict, judge, worst};
+use ::verdict::{End, Grade, Misses, Outcome, Verdict, judge};
 use host::exit;
 use shared_types::LoopStats;
 
@@ -96,9 +96,7 @@ impl Metrics {
         let Closing { end, flown_ns, dropped, altered, unrecorded, is_cut } = closing.clone();
         let evidence = self.evidence();
         let commands = if is_cut { self.settled_commands() } else { self.commands() };
-        let axes = self.step_response().into_iter().flatten();
-        let turned_rad =
-            self.is_rig().then(|| axes.map(|axis| axis.final_error_rad.abs()).fold(0.0, worst));
+        let turned_rad = self.attitude_error_rad();
         let (cut_s, cut_at_s) = evidence.cut_s();
         let loops = self.loops();
         Outcome {

@@ -102,6 +102,11 @@ impl Metrics {
         self.response.as_ref().and_then(StepResponse::axes)
     }
 
+    /// How far the attitude of a rig flight is off its set point, along the worst axis \[rad\].
+    pub(super) fn attitude_error_rad(&self) -> Option<f64> {
+        self.response.as_ref().map(StepResponse::error_rad)
+    }
+
     /// Takes note of a sample.
     pub fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         let any: &dyn Any = sample;
@@ -279,11 +284,6 @@ impl Metrics {
     #[must_use]
     pub fn gate(&self) -> &AppliedCommand {
         &self.gate
-    }
-
-    /// True if the pilot writes attitudes and there is no path.
-    pub(super) fn is_rig(&self) -> bool {
-        self.response.is_some()
     }
 
     pub(super) fn evidence(&self) -> &Evidence {
