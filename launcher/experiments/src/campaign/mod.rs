@@ -20,7 +20,10 @@ use document::ScenarioError;
 use figures::results::ResultsFolder;
 use miette::Diagnostic;
 use runtime::watch::StopFlags;
+use scenario::Scenario;
+use scenario::candidate::Candidate;
 use simulate::fan_out::fan_out;
+use std::path::PathBuf;
 use std::sync::Mutex;
 use thiserror::Error;
 
@@ -118,13 +121,35 @@ pub fn run(
     Ok(Campaign { base: plan.base.clone(), axes: plan.axes.clone(), flown, resumed })
 }
 
-/// What distinguishes a case from every other one, in this campaign or another, of this build or another.
+/// What distinguishes a case from every other one, in this campaign or another, of this build or another: also what
+/// stands in the files that its scenario names.
 fn key(plan: &Plan, case: &Case, build: &str) -> String {
+    let scenario = plan.base.scenario(&plan.axes, case).ok();
+    let outside = scenario.as_ref().map(files_of).unwrap_or_default();
+    // Of a path in a file it has the rows.
+    let text = scenario.as_ref().map_or(plan.base.text.as_str(), Scenario::to_toml);
     let own = case.settings(&plan.axes).collect::<Vec<_>>();
     let seed = case.seed.to_string();
-    let parts = [build, &plan.base.name, &plan.base.text, &seed];
+    let parts = [build, &plan.base.name, text, &seed];
     let settings = plan.base.set.iter().chain(&own).map(String::as_str);
-    hash(parts.into_iter().chain(settings))
+    hash(parts.into_iter().chain(settings).chain(outside.iter().map(String::as_str)))
+}
+
+/// Hashes of the configurations and executables that join a flight.
+fn files_of(scenario: &Scenario) -> Vec<String> {
+    let settings = scenario.settings();
+    let swaps = settings.swap.iter().map(|swap| (swap.slot, &swap.to));
+    let all = swaps.chain(settings.standby.iter().map(|standby| (standby.slot, &standby.name)));
+    let executables = all.filter_map(|(slot, name)| match Candidate::find(slot, name) {
+        Ok(Candidate::Executable(path)) => Some(path),
+        _ => None,
+    });
+    let configs = settings.swap.iter().filter_map(|swap| swap.config.clone());
+    let hash = |path: PathBuf| {
+        let content = std::fs::read(path);
+        content.map_or_else(|_| String::new(), |bytes| blake3::hash(&bytes).to_hex().to_string())
+    };
+    executables.chain(configs).map(hash).collect()
 }
 
 /// 128 bits over texts, each with its length, as hexadecimal.

@@ -129,13 +129,18 @@ const SPREADS: [(&str, &str, f64, &str); 4] = [
     ("tilt_max_rad", "tilt max", 1.0, "rad"),
 ];
 
+/// A number in the unit of display, which is `factor` times its own.
+fn shown(value: f64, factor: f64) -> String {
+    if value.is_finite() { format!("{:.4}", value * factor) } else { NEVER.to_owned() }
+}
+
 /// Counts and spreads for people.
 #[must_use]
 pub fn figures(flown: &[(Case, Outcome)]) -> String {
     let counts = counts(flown).map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
     let lines = SPREADS.iter().filter_map(|(heading, name, factor, unit)| {
         let spread = spread(flown, heading)?;
-        let [median, most, max] = spread.map(|value| format!("{:.4}", value * factor));
+        let [median, most, max] = spread.map(|value| shown(value, *factor));
         Some(format!("  {name:<13} median {median}, 95 % {most}, largest {max} {unit}\n"))
     });
     format!("  cases         {counts}\n{}", lines.collect::<String>())
@@ -146,12 +151,8 @@ pub fn figures(flown: &[(Case, Outcome)]) -> String {
 pub fn in_a_line(outcome: &Outcome) -> String {
     let spreads = SPREADS.iter().filter_map(|(heading, name, factor, unit)| {
         let value = outcome.cell(heading).number()?;
-        let text = if value.is_finite() {
-            format!("{:.4} {unit}", value * factor)
-        } else {
-            NEVER.to_owned()
-        };
-        Some(format!(", {name} {text}"))
+        let unit = if value.is_finite() { format!(" {unit}") } else { String::new() };
+        Some(format!(", {name} {}{unit}", shown(value, *factor)))
     });
     let counts = ["constraint_violations", "unsolved_steps"].map(|heading| {
         format!(", {} {}", outcome.cell(heading).to_cell(), heading.replace('_', " "))
@@ -212,7 +213,9 @@ pub fn to_json(
     let spreads: serde_json::Map<_, _> = SPREADS
         .iter()
         .filter_map(|(heading, ..)| {
-            let [median, most, max] = spread(flown, heading)?;
+            let [median, most, max] = spread(flown, heading)?.map(|value| {
+                if value.is_finite() { serde_json::Value::from(value) } else { NEVER.into() }
+            });
             let spread_of_column = json!({"median": median, "percent_95": most, "max": max});
             Some(((*heading).to_owned(), spread_of_column))
         })
