@@ -118,8 +118,6 @@ pub struct Planner {
     disturbance: DisturbanceOrder,
     /// The highest place that the vehicle is sent to \[m\].
     highest_m: f64,
-    /// Disturbances ordered so far.
-    numbered: u64,
     /// Everything that was ordered.
     pub reports: Vec<OrderReport>,
 }
@@ -147,15 +145,12 @@ impl Planner {
             guidance: taken_up.order.unwrap_or_default(),
             disturbance: DisturbanceOrder::default(),
             highest_m: scenario.highest_m(),
-            numbered: 0,
             reports: Vec::new(),
         })
     }
 
     /// Goes on from the last orders that another launcher had published.
     pub fn go_on(&mut self, guidance: &GuidanceOrder, disturbance: &DisturbanceOrder) {
-        let entries = disturbance.entries.iter();
-        self.numbered = entries.map(|entry| entry.number).max().unwrap_or(0);
         (self.guidance, self.disturbance) = (*guidance, *disturbance);
     }
 
@@ -295,10 +290,10 @@ impl Planner {
         if held.len() >= DISTURBANCE_ORDERS {
             return Err(RefusedOrder::TooMany);
         }
-        self.numbered += 1;
         let until_ns = if is_burst { None } else { done_ns };
         held.push(OrderedDisturbance {
-            number: self.numbered,
+            // That of the sample that is to carry it first.
+            number: self.disturbance.header.sequence + 1,
             begin_ns,
             until_ns: until_ns.unwrap_or(u64::MAX),
             ..sample_of(&disturb.load)

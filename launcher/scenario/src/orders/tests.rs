@@ -308,6 +308,16 @@ fn eight_disturbances_hold_at_a_time_and_make_room_when_they_are_over_or_ended()
         panic!("it can always be calm")
     };
     assert_eq!((sent.count, sent.script_off.is_set()), (0, true));
+    // Whatever has ended, and whichever launcher goes on, no number comes again.
+    let mut next = Planner::of(&lively()).unwrap();
+    next.go_on(&GuidanceOrder::default(), &sent);
+    for planner in [&mut planner, &mut next] {
+        let order = planner.order(&push(1.0), (4000 * MS, 4000 * MS), false);
+        let Ok(Sent::Disturbance(sent)) = order.map(|planned| planned.sent) else {
+            panic!("there is room")
+        };
+        assert_eq!(sent.entries[0].number, 11);
+    }
 }
 
 #[test]
