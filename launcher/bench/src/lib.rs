@@ -39,6 +39,10 @@ pub enum BenchError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Scenario(#[from] ScenarioError),
+    /// A scenario that can be read once only.
+    #[error("`bench rate` flies the scenario many times, and standard input can be read once")]
+    #[diagnostic(help("write it to a file, and give that"))]
+    StandardInput,
     /// The flight never began.
     #[error(transparent)]
     Run(#[from] RunError),

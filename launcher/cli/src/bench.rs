@@ -2,6 +2,7 @@
 
 mod loops;
 
+use super::STANDARD_INPUT;
 use super::bar::bar;
 use super::options::{
     BenchCommand, Format, HopArguments, MeasurePlace, RateArguments, scenario_arguments,
@@ -81,6 +82,9 @@ fn hop(arguments: &HopArguments) -> Result<(String, u8), BenchError> {
 fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
     // Asked once here, so that what is refused is refused before anything flies.
     let place = place(&arguments.place)?;
+    if arguments.scenario.scenario == STANDARD_INPUT {
+        return Err(BenchError::StandardInput);
+    }
     let scenario = Scenario::load(&arguments.scenario.scenario, &arguments.scenario.overrides()?)?;
     let settings = scenario.settings();
     let assignment = Assignment::of(settings);

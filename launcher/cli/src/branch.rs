@@ -68,7 +68,14 @@ impl Trouble {
 /// changed and it still is another flight.
 pub(super) fn run(replay: &ReplayArguments, at: At, out: &mut dyn Write) -> Done {
     let many = !replay.branch.sweep.is_empty() || replay.branch.seeds.is_some();
-    let flown = if many { fly_many(replay, at) } else { fly_one(replay, at) };
+    let flown = match &replay.branch.out {
+        _ if many => fly_many(replay, at),
+        Some(_) => {
+            let remedy = "leave --out away, or fly many with --sweep or --seeds";
+            Err(argument("one branch writes no table", remedy))
+        }
+        None => fly_one(replay, at),
+    };
     super::conclude(flown, Trouble::exit_code, out)
 }
 
@@ -220,7 +227,8 @@ fn fly_many(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
         let remedy = "leave --record away, and record the branch that is of interest alone";
         return Err(argument("a sweep records nothing", remedy));
     }
-    let mut folder = ResultsFolder::create(&arguments.out)?;
+    let out = arguments.out.as_deref().unwrap_or(Path::new("branches"));
+    let mut folder = ResultsFolder::create(out)?;
     let Prepared { branch, run, .. } = prepare(file, at)?;
     let own = branch.scenario().settings().scenario.seed;
     let one = vec![arguments.seed.unwrap_or(own)];

@@ -31,7 +31,6 @@ mod refusal;
 mod rehearse;
 mod replay;
 mod report;
-pub mod samples;
 mod scenarios;
 mod study;
 mod top;
@@ -238,6 +237,9 @@ fn conclude<E: miette::Diagnostic + Send + Sync + 'static>(
     Ok(code)
 }
 
+/// Stands for a scenario that is read from standard input.
+const STANDARD_INPUT: &str = "-";
+
 /// Loads a scenario and warns of what is doubtful about it.
 fn load(arguments: &ScenarioArguments, diagnostics: &mut dyn Write) -> Result<Scenario, Failure> {
     let scenario = load_quietly(arguments).map_err(|error| Failure::report(error, exit::USAGE))?;
@@ -247,9 +249,9 @@ fn load(arguments: &ScenarioArguments, diagnostics: &mut dyn Write) -> Result<Sc
     Ok(scenario)
 }
 
-fn load_quietly(arguments: &ScenarioArguments) -> Result<Scenario, ScenarioError> {
+pub(crate) fn load_quietly(arguments: &ScenarioArguments) -> Result<Scenario, ScenarioError> {
     let overrides = arguments.overrides()?;
-    let scenario = if arguments.scenario == "-" {
+    let scenario = if arguments.scenario == STANDARD_INPUT {
         Scenario::read("standard input", io::stdin(), &overrides)?
     } else {
         Scenario::load(&arguments.scenario, &overrides)?
@@ -357,6 +359,21 @@ mod tests {
         }
         let (code, _, message) = morphquad("list --no-such-flag -1");
         assert!(code == exit::USAGE && message.contains("unexpected"), "{message}");
+    }
+
+    #[test]
+    fn an_option_that_would_do_nothing_is_refused() {
+        for (idle, flag) in [
+            ("topic hz none.mcap --for 5s", "--for"),
+            ("topic hz none.mcap --run 1", "--run"),
+            ("topic echo none.mcap --run 1", "--run"),
+            ("replay none.mcap --branch @1s --out results", "--out"),
+            ("bench rate -", "standard input"),
+        ] {
+            let (code, _, message) = morphquad(idle);
+            assert_eq!(code, exit::USAGE, "{idle}: {message}");
+            assert!(message.contains(flag), "{idle}: {message}");
+        }
     }
 
     #[test]

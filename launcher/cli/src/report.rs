@@ -55,6 +55,8 @@ pub(super) fn run(
     }
     let verdict = match &folder {
         Folder { unread, .. } if !unread.is_empty() => exit::USAGE,
+        // Nothing has passed where nothing was judged.
+        Folder { reports, .. } if reports.is_empty() => exit::USAGE,
         Folder { reports, .. } if !reports.iter().all(Report::passes) => exit::FAILED,
         _ => exit::PASS,
     };

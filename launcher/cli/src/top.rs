@@ -1,6 +1,6 @@
 //! `morphquad top`.
 
-use super::options::{Format, TopArguments};
+use super::options::{Cli, Format, TopArguments};
 use super::ps::Trouble;
 use super::refusal::{Done, Failure};
 use anstream::adapter::strip_str;
@@ -8,6 +8,7 @@ use host::exit;
 use protocol::control::runs;
 use runtime::clock::{mono_now_ns, sleep_until};
 use serde_json::json;
+use std::ffi::OsString;
 use std::io::{self, IsTerminal as _, Write};
 use viewers::top::draw::plain;
 use viewers::top::screen::{GaugeReader, show, status_of};
@@ -55,8 +56,13 @@ pub(super) fn run(arguments: &TopArguments, out: &mut dyn Write) -> Done {
 
 /// Runs a command typed on the screen, and returns all that it prints.
 fn execute(arguments: Vec<String>) -> Vec<String> {
+    let arguments: Vec<OsString> = arguments.into_iter().map(Into::into).collect();
+    // A help is printed on the terminal, which here is the screen's.
+    if let Some(help) = Cli::of(&arguments).err().filter(|error| !error.use_stderr()) {
+        return help.render().to_string().lines().map(str::to_owned).collect();
+    }
     let (mut out, mut diagnostics) = (Vec::new(), Vec::new());
-    let code = super::execute(arguments.into_iter().map(Into::into), &mut out, &mut diagnostics);
+    let code = super::execute(arguments.into_iter(), &mut out, &mut diagnostics);
     let text = [out, diagnostics].concat();
     // Complaints are coloured for the terminal, which here is the screen's.
     let text = strip_str(&String::from_utf8_lossy(&text)).to_string();

@@ -2,8 +2,8 @@
 
 use super::options::TypesArguments;
 use super::refusal::{Done, Failure};
-use crate::samples;
 use host::exit;
+use protocol::samples;
 use std::io::Write;
 
 /// Writes the samples as another language declares them.

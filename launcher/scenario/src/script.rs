@@ -3,6 +3,7 @@
 #[cfg(test)]
 mod tests;
 
+use super::Scenario;
 use super::settings::Settings;
 use crate::candidate::{Candidate, NoCandidate, name_of, unstartable};
 use crate::services::Assignment;
@@ -12,7 +13,8 @@ use runtime::Graph;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use shared_types::Slot;
-use std::path::PathBuf;
+use std::fs::File;
+use std::path::{Path, PathBuf};
 
 /// Control periods that a flip may take after the shadow window.
 const FLIP_PERIODS: f64 = 3.0;
@@ -62,6 +64,8 @@ fn slot_schema(_: &mut SchemaGenerator) -> Schema {
 
 /// Default time that a candidate shadows \[s\].
 pub const SHADOW_S: f64 = 1.0;
+/// The same of a standby, which does not command yet \[s\].
+pub const STANDBY_SHADOW_S: f64 = 0.5;
 
 fn shadow_s() -> f64 {
     SHADOW_S
@@ -102,7 +106,7 @@ fn standby_s() -> f64 {
 }
 
 fn standby_shadow_s() -> f64 {
-    0.5
+    STANDBY_SHADOW_S
 }
 
 /// One `[[fault]]`: a signal to a process.
@@ -235,6 +239,20 @@ fn check_faults(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     complaints
 }
 
+/// Why a candidate cannot be configured by a file, and what to do about it: a service reads it as a scenario, any other
+/// as it likes.
+fn unusable(path: &Path, is_service: bool) -> Option<(String, &'static str)> {
+    let give = "give the path of the candidate's configuration";
+    match File::open(path).and_then(|file| file.metadata()) {
+        Err(error) => Some((format!("cannot be read: {error}"), give)),
+        Ok(metadata) if !metadata.is_file() => Some(("is not a file".to_owned(), give)),
+        Ok(_) if !is_service => None,
+        Ok(_) => Scenario::load(&path.to_string_lossy(), &[]).err().map(|error| {
+            (format!("cannot be flown: {error}"), "`morphquad check` names what is wrong in it")
+        }),
+    }
+}
+
 /// Candidates that this machine does not have, with configurations of theirs that cannot be read; and those that
 /// are there and will hardly be started.
 pub(super) fn candidates(settings: &Settings) -> (Vec<Complaint>, Vec<Complaint>) {
@@ -258,10 +276,10 @@ pub(super) fn candidates(settings: &Settings) -> (Vec<Complaint>, Vec<Complaint>
     }
     let configs = settings.swap.iter().enumerate().filter_map(|(index, swap)| {
         let path = swap.config.as_ref()?;
-        let error = std::fs::File::open(path).err()?;
-        let what = format!("{} cannot be read: {error}", path.display());
-        let remedy = "give the path of the candidate's configuration".to_owned();
-        Some((format!("swap[{index}].config"), what, remedy))
+        let is_service = matches!(Candidate::find(swap.slot, &swap.to), Ok(Candidate::Service(_)));
+        let (why, remedy) = unusable(path, is_service)?;
+        let what = format!("{} {why}", path.display());
+        Some((format!("swap[{index}].config"), what, remedy.to_owned()))
     });
     absent.extend(configs);
     (absent, doubtful)

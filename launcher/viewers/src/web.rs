@@ -35,6 +35,8 @@ const HEAD_PATIENCE: Duration = Duration::from_secs(5);
 /// How long a client that is being answered is waited for at the end: a flight that is ordered to stop answers the
 /// client that ordered it, and on a busy machine that takes its time.
 const GOODBYE: Duration = Duration::from_secs(5);
+/// Port of an address that names none.
+const HTTP_PORT: u16 = 80;
 /// Longest body of a request \[bytes\].
 const BODY_BYTES: usize = 16 << 10;
 
@@ -100,6 +102,9 @@ impl Asked {
     /// we are known by number alone.
     pub(crate) fn is_for(&self, address: SocketAddr) -> bool {
         let Some(host) = self.host.as_deref() else { return false };
+        let has_port = host.rsplit_once(':').is_some_and(|(_, port)| port.parse::<u16>().is_ok());
+        // The port of an address without one, as browsers write it.
+        let host = if has_port { host.to_owned() } else { format!("{host}:{HTTP_PORT}") };
         if host == format!("localhost:{}", address.port()) {
             return true;
         }
@@ -303,6 +308,28 @@ mod tests {
         let long = format!("Content-Length: 20000\r\n\r\n{}", "x".repeat(20_000));
         let answer = ask(&server, &format!("127.0.0.1:{port}"), &long);
         assert!(answer.contains("/a b=c None"), "{answer}");
+    }
+
+    #[test]
+    fn an_address_without_a_port_is_that_of_port_80() {
+        let asked = |host: &str| Asked {
+            method: hyper::Method::GET,
+            ends: None,
+            path: "/".to_owned(),
+            query: String::new(),
+            host: Some(host.to_owned()),
+            site: None,
+            bearer: None,
+            body: None,
+        };
+        let usual = SocketAddr::from(([127, 0, 0, 1], 80));
+        for host in ["127.0.0.1", "localhost", "127.0.0.1:80", "localhost:80"] {
+            assert!(asked(host).is_for(usual), "{host}");
+            let other = SocketAddr::from(([127, 0, 0, 1], 8080));
+            assert!(!asked(host).is_for(other), "{host}");
+        }
+        assert!(asked("[::1]").is_for("[::1]:80".parse().unwrap()));
+        assert!(!asked("evil.example").is_for(usual));
     }
 
     #[test]

@@ -218,7 +218,7 @@ fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     if arguments.first().is_some_and(|argument| argument == "types") {
         // A controller in Python gets the layout of samples from the executable that started it.
-        print!("{}", cli::samples::python());
+        print!("{}", protocol::samples::python());
         return;
     }
     let selection = Selection::read(&arguments);

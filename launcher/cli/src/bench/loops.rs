@@ -55,13 +55,11 @@ pub(super) fn measure(arguments: &LoopsArguments) -> Result<(String, u8), BenchE
 }
 
 fn plan(arguments: &LoopsArguments, place: Place) -> Result<LoopsPlan, BenchError> {
-    let load = |edits: Vec<Override>| -> Result<Scenario, BenchError> {
-        let mut overrides = arguments.scenario.overrides()?;
-        overrides.extend(edits);
-        Ok(Scenario::load(&arguments.scenario.scenario, &overrides)?)
-    };
+    let given = crate::load_quietly(&arguments.scenario)?;
+    // Standard input is read once, whatever is flown of it.
+    let name = &arguments.scenario.scenario;
+    let load = |edits: Vec<Override>| Scenario::from_text(name, given.to_toml(), &edits);
     let scenario = load(loops::edits(&place, arguments.asap)?)?;
-    scenario.require_candidates()?;
     let alone = load(loops::edits_alone(scenario.settings().scenario.duration_s)?)?;
     let duration_ns = scenario.duration_ns();
     let usual_ns = WARM_UP_NS.min(duration_ns / 4);

@@ -88,10 +88,14 @@ pub fn scenario_arguments(scenario: &ScenarioArguments, usual: &str) -> Vec<Stri
         ("--swap", &scenario.swap),
         ("--standby", &scenario.standby),
         ("--fault", &scenario.fault),
+        ("--goto", &scenario.goto),
+        ("--morph", &scenario.morph),
+        ("--timing", &scenario.timing),
     ];
     for (flag, values) in lists {
         arguments.extend(values.iter().map(|value| format!("{flag}={value}")));
     }
+    arguments.extend(scenario.strict.then(|| "--strict".to_owned()));
     arguments
 }
 

@@ -69,7 +69,7 @@ pub struct BranchArguments {
     /// A branch for each seed: 0..999
     #[arg(long, value_name = "A..B", requires = "branch", conflicts_with = "seed", conflicts_with_all = OF_RECORDED)]
     pub seeds: Option<String>,
-    /// Folder for the table of many branches
-    #[arg(long, value_name = "DIR", default_value = "branches", requires = "branch", conflicts_with_all = OF_RECORDED)]
-    pub out: PathBuf,
+    /// Folder for the table of many branches; `branches` if left out
+    #[arg(long, value_name = "DIR", requires = "branch", conflicts_with_all = OF_RECORDED)]
+    pub out: Option<PathBuf>,
 }

@@ -166,7 +166,7 @@ pub struct StandbyArguments {
     #[arg(value_name = "NAME|EXE")]
     pub name: String,
     /// How long it shadows before it is judged
-    #[arg(long, value_name = "DURATION", default_value = "1s", allow_hyphen_values = true, value_parser = duration)]
+    #[arg(long, value_name = "DURATION", default_value = "500ms", allow_hyphen_values = true, value_parser = duration)]
     pub shadow: Duration,
     /// Rehearsal.
     #[command(flatten)]

@@ -128,9 +128,9 @@ pub struct TopicHzArguments {
     /// Topics, all if there are none, and perhaps a recording to take them from
     #[arg(value_name = "TOPIC|FILE")]
     pub what: Vec<String>,
-    /// How long to count
-    #[arg(long = "for", value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
-    pub duration: Duration,
+    /// How long to count what comes; 2s if left out
+    #[arg(long = "for", value_name = "DURATION", allow_hyphen_values = true, value_parser = duration)]
+    pub duration: Option<Duration>,
     /// The run.
     #[command(flatten)]
     pub run: RunChoice,

@@ -26,6 +26,7 @@ pub(super) fn run(
     diagnostics: &mut dyn Write,
 ) -> Done {
     let what = What::of(&arguments.what)?;
+    what.require_no_run_beside_a_file(&arguments.run)?;
     if let Some(field) = arguments.fields.first().filter(|_| what.is_all() || what.wants_events()) {
         return Err(refuse(Trouble::FieldOfAll(field.clone())));
     }

@@ -1,6 +1,6 @@
 //! `morphquad topic hz`.
 
-use super::{What, find, open, refuse};
+use super::{Trouble, What, find, open, refuse};
 use crate::bar::busy;
 use crate::options::{Format, TopicHzArguments};
 use crate::refusal::{Done, Failure};
@@ -18,6 +18,9 @@ use shared_types::{Sample, Topic, TopicInfo};
 use std::collections::BTreeMap;
 use std::io::Write;
 
+/// How long is counted what comes.
+const USUAL: Duration = Duration::from_secs(2);
+
 /// Tallies by topic.
 pub(super) type Tallies = BTreeMap<&'static str, Tally>;
 
@@ -28,7 +31,11 @@ pub(super) fn run(
     diagnostics: &mut dyn Write,
 ) -> Done {
     let what = What::of_samples(&arguments.what)?;
+    what.require_no_run_beside_a_file(&arguments.run)?;
     let tallies = if let Some(path) = &what.file {
+        if arguments.duration.is_some() {
+            return Err(refuse(Trouble::OfRun("--for")));
+        }
         let flight = open(path)?;
         let mut count = Count { what: &what, tallies: Tallies::new() };
         let _busy = busy("counting");
@@ -37,7 +44,7 @@ pub(super) fn run(
     } else {
         let run = find(arguments.run.run.as_deref())?;
         let wanted = what.topics_or_all();
-        let (tallies, dropped) = listen(&run, &wanted, arguments.duration)?;
+        let (tallies, dropped) = listen(&run, &wanted, arguments.duration.unwrap_or(USUAL))?;
         if dropped > 0 {
             writeln!(diagnostics, "morphquad: {dropped} samples were left out, read too slowly")?;
         }

@@ -6,7 +6,7 @@ mod hz;
 mod info;
 mod list;
 
-use super::options::TopicCommand;
+use super::options::{RunChoice, TopicCommand};
 use super::refusal::{Done, Failure};
 use document::suggestion;
 use host::exit;
@@ -29,6 +29,8 @@ pub(super) enum Trouble {
     Unknown { name: String, remedy: String },
     #[error("two recordings, {} and {}: name one", .0.display(), .1.display())]
     TwoFiles(PathBuf, PathBuf),
+    #[error("{0} is for a run, and a recording is read: leave it away")]
+    OfRun(&'static str),
     #[error("name a recording: `morphquad topic export FILE --csv`")]
     NoFile,
     #[error("events are words, not samples: `morphquad topic echo {EVENTS}` shows them")]
@@ -83,6 +85,14 @@ impl What {
     fn of_samples(arguments: &[String]) -> Result<Self, Failure> {
         let what = Self::of(arguments)?;
         if what.events { Err(refuse(Trouble::Events)) } else { Ok(what) }
+    }
+
+    /// Refuses a run where a recording is named: one of them would be left out.
+    fn require_no_run_beside_a_file(&self, run: &RunChoice) -> Result<(), Failure> {
+        match (&self.file, &run.run) {
+            (Some(_), Some(_)) => Err(refuse(Trouble::OfRun("--run"))),
+            _ => Ok(()),
+        }
     }
 
     /// Separates names of topics from paths.

@@ -4,7 +4,7 @@ use super::status::RunStatus;
 use core::fmt;
 use host::exit;
 use scenario::orders;
-use scenario::script::SHADOW_S;
+use scenario::script::{SHADOW_S, STANDBY_SHADOW_S};
 use serde::{Deserialize, Serialize};
 use shared_types::time::ns_from_s;
 use std::path::PathBuf;
@@ -30,7 +30,7 @@ pub enum Request {
         /// Controller, or path of an executable.
         name: String,
         /// How long it shadows before it is judged \[ns\].
-        #[serde(default = "shadow_ns")]
+        #[serde(default = "standby_shadow_ns")]
         shadow_ns: u64,
         /// Whether it is flown ahead first; if left out, it is when it differs from the owner.
         #[serde(default)]
@@ -77,6 +77,10 @@ pub struct SwapRequest {
 
 fn shadow_ns() -> u64 {
     ns_from_s(SHADOW_S)
+}
+
+fn standby_shadow_ns() -> u64 {
+    ns_from_s(STANDBY_SHADOW_S)
 }
 
 fn rollback_ns() -> u64 {

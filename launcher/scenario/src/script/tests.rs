@@ -186,3 +186,11 @@ fn flags_that_are_no_swap_and_no_fault_are_refused_with_how_to_write_one() {
     let problem = error.problems().next().unwrap();
     assert_eq!((problem.file(), problem.key()), (Some("command line"), "swap[0].slot"));
 }
+
+#[test]
+fn a_configuration_that_a_candidate_could_not_read_is_refused_beforehand() {
+    let with = |config: &str| swap(&format!("at_s = 2.0\nconfig = {config:?}"));
+    assert_refused(&with("/proc"), 7, "swap[0].config", "is not a file");
+    assert_refused(&with(file!()), 7, "swap[0].config", "cannot be read");
+    assert_refused(&with("/proc/version"), 7, "swap[0].config", "cannot be flown");
+}

@@ -170,7 +170,13 @@ impl Folder {
     /// In one sentence.
     #[must_use]
     pub fn sentence(&self) -> String {
-        let Self { reports, unread, .. } = self;
+        let Self { reports, unread, left_out } = self;
+        if reports.is_empty() && unread.is_empty() {
+            return match left_out.len() {
+                1 => "nothing is judged: the only recording is left out.".to_owned(),
+                several => format!("nothing is judged: all {several} recordings are left out."),
+            };
+        }
         let passed = reports.iter().filter(|report| report.passes()).count();
         let is_good = passed == reports.len() && unread.is_empty();
         let grade = if is_good { Grade::Passed } else { Grade::Failed };
