@@ -19,9 +19,11 @@ use vehicle::{MorphAngle, VehicleParameters, rotation};
 /// Age above which an estimate is ignored, because it no longer shows what the owner does \[ns\]; twice the
 /// period of the monitor where that is longer.
 const STALE_NS: u64 = 20_000_000;
-/// Longest step over which motion is integrated \[s\]. After a longer pause the step counts as zero, so that
-/// a gap in the estimates is not mistaken for a motion.
+/// Longest step over which motion is integrated \[s\]; twice the period of the monitor where that is longer. After a
+/// longer pause the step counts as zero, so that a gap in the estimates is not mistaken for a motion.
 const MAX_STEP_S: f64 = 0.1;
+/// Periods after which a set point has faded for want of another: it is valid for two, and held for two more.
+const SILENT_PERIODS: u64 = 4;
 
 inputs! {
     /// What an owner is judged by. A trip is traced back to the state estimate, the primary input.
@@ -86,13 +88,15 @@ shared_types::memory! {
         pub asked: [f64; 4],
         /// Whether it has asked for something.
         pub has_asked: bool,
+        /// Effective instant of the last set point that counted \[ns\]; 0 for none.
+        pub asked_ns: u64,
         /// Since when commands have been clipped without a break \[ns\]; 0 if the last one was not.
         pub clipped_from_ns: u64,
         /// Of each slot: seat that commanded it at the last step, [`NO_SEAT`] for none.
         pub commanding: [u32; Slot::COUNT],
         /// Epoch of its record in which the fallback commanded in place of the owner last; 0 for none.
         pub replaced: [u64; Slot::COUNT],
-        /// Since when \[ns\]; 0 for never.
+        /// Since when, or until when its proven owner has been silent \[ns\]; 0 for never.
         pub replaced_ns: [u64; Slot::COUNT],
         /// Epoch of the position slot in which the attitude slot has last reported the fallback in command; 0 for none.
         pub failed_over: u64,
@@ -112,6 +116,7 @@ pub struct Monitor {
     landing: Landing,
     latency_ns: u64,
     stale_ns: u64,
+    max_step_s: f64,
     memory: Memory,
 }
 
@@ -146,6 +151,7 @@ impl Monitor {
             landing: config.landing,
             latency_ns: ns(config.latency_s),
             stale_ns: STALE_NS.max(2 * ns(config.period_s)),
+            max_step_s: MAX_STEP_S.max(2.0 * config.period_s),
             memory: Memory { commanding: [NO_SEAT; Slot::COUNT], ..Memory::default() },
         }
     }
@@ -184,6 +190,7 @@ impl Monitor {
             if counts && value.iter().all(|number| number.is_finite()) {
                 let Header { sequence, valid_ns, seat, .. } = sample.header;
                 self.reports.ask(seat, Asked { value, sequence, valid_ns });
+                self.memory.asked_ns = self.memory.asked_ns.max(valid_ns);
                 if authority == Authority::Owner {
                     self.memory.asked = value;
                     self.memory.has_asked = true;
@@ -275,6 +282,15 @@ impl Monitor {
         Some(Finding::of(cause?, 0.0, 0.0))
     }
 
+    /// Whether the position slot asks for nothing any more, although it has an owner: its last set point fades, and where
+    /// the vehicle goes meanwhile is no attitude controller's doing.
+    fn is_silent(&self, now_ns: u64, inputs: &Inputs) -> bool {
+        let record = inputs.position_owner.in_effect_at(now_ns);
+        let every_ns = record.map_or(0, |record| period_ns(record, record.owner));
+        let asked_ns = self.memory.asked_ns;
+        asked_ns > 0 && now_ns > asked_ns.saturating_add(every_ns.saturating_mul(SILENT_PERIODS))
+    }
+
     /// Of each slot: whether its owner has been replaced lately.
     fn recovers(&self, now_ns: u64) -> [bool; Slot::COUNT] {
         self.memory.replaced_ns.map(|from_ns| is_recovering(from_ns, now_ns))
@@ -318,7 +334,7 @@ impl Monitor {
         let reference = reference.map(|reference| target(reference, now_ns, 0.0, &self.landing));
         Some(Moment {
             now_ns,
-            elapsed_s: if elapsed_s > MAX_STEP_S { 0.0 } else { elapsed_s },
+            elapsed_s: if elapsed_s > self.max_step_s { 0.0 } else { elapsed_s },
             morph_angle: MorphAngle::saturating_from_rad(estimate.morph_angle_rad)?,
             q_wb: rotation(estimate.q_wb.to_array()),
             rate_b_rad_s: estimate.body_rate_b_rad_s.into(),
@@ -367,6 +383,10 @@ impl Service for Monitor {
         self.take_asked(now_ns, inputs);
         self.take_applied(inputs);
         let hands = self.hands(now_ns, inputs);
+        let position = Slot::Position.index();
+        if matches!(hands[position], Hands::Proven) && self.is_silent(now_ns, inputs) {
+            self.memory.replaced_ns[position] = now_ns;
+        }
         let misreported = self.misreported(now_ns, inputs);
         if !hands.iter().any(|hands| matches!(hands, Hands::Watched(_))) {
             return;

@@ -1,4 +1,5 @@
 use super::*;
+use runtime::InputSet as _;
 use shared_types::Flag;
 
 fn monitor() -> Monitor {
@@ -139,4 +140,83 @@ fn it_is_quiet_until_the_first_watched_record_that_it_knows_of() {
     inputs.position_owner.accept(80, Some(55));
     assert_eq!(quiet_until_ns(&inputs, 81), 90);
     assert_eq!(quiet_until_ns(&inputs, 95), 95, "what is not known promises nothing");
+}
+
+/// What a watched attitude owner trips for while the vehicle leaves its hover at 2 m/s, seen for 600 ms, of which the
+/// position slot's owner, which has proven itself, asks for level flight until `asked_until_ns`.
+fn blamed_for_a_vehicle_that_leaves(
+    mut monitor: Monitor,
+    period_ns: u64,
+    asked_until_ns: u64,
+) -> Option<TripCause> {
+    const MS: u64 = 1_000_000;
+    let (mut inputs, mut found) = (Inputs::default(), None);
+    let owner = |watched: bool| OwnerRecord {
+        epoch: 1,
+        fallback: NO_SEAT,
+        watched: Flag::from(watched),
+        period_ns: [20 * MS; 4],
+        ..Default::default()
+    };
+    inputs.attitude_owner.offer(owner(true));
+    inputs.position_owner.offer(owner(false));
+    let mut at_ns = 0;
+    while at_ns < 600 * MS {
+        let header = Header {
+            sequence: 1 + at_ns / period_ns,
+            release_ns: at_ns,
+            valid_ns: at_ns,
+            ..Header::default()
+        };
+        let away_m = if at_ns < 100 * MS { 0.0 } else { 2e-9 * (at_ns - 100 * MS) as f64 };
+        inputs.state_estimate.offer(StateEstimate {
+            header,
+            q_wb: shared_types::Quaternion::IDENTITY,
+            position_w_m: [away_m, 0.0, 1.5],
+            velocity_w_m_s: [if away_m > 0.0 { 2.0 } else { 0.0 }, 0.0, 0.0],
+            morph_angle_rad: MorphAngle::MAX.rad(),
+            ..StateEstimate::default()
+        });
+        let mut reference = Reference { header, count: 1, ..Reference::default() };
+        reference.points[0].position_w_m = [0.0, 0.0, 1.5];
+        inputs.reference.offer(reference);
+        if at_ns <= asked_until_ns {
+            let thrust_n = VehicleParameters::default().weight_n();
+            inputs.attitude_setpoint.offer(AttitudeSetpoint {
+                header,
+                thrust_n,
+                ..AttitudeSetpoint::default()
+            });
+        }
+        let previous_ns = at_ns.checked_sub(period_ns);
+        inputs.accept(at_ns, previous_ns);
+        let mut outputs = Outputs::default();
+        monitor.step(at_ns, &inputs, &mut outputs);
+        found = found.or(outputs.trip.written().map(|trip| trip.cause));
+        at_ns += period_ns;
+    }
+    found
+}
+
+#[test]
+fn where_a_vehicle_goes_that_nothing_steers_is_no_attitude_owners_doing() {
+    let blamed = |asked_until_ns: u64| {
+        blamed_for_a_vehicle_that_leaves(monitor(), 10_000_000, asked_until_ns)
+    };
+    assert_eq!(blamed(u64::MAX), Some(TripCause::PositionDeparts), "it is asked to stay");
+    assert_eq!(blamed(60_000_000), None);
+}
+
+#[test]
+fn a_slow_monitor_sees_where_the_vehicle_goes() {
+    let config = MonitorConfig {
+        limits: Limits::default(),
+        period_s: 0.2,
+        latency_s: 0.001,
+        landing: Landing::default(),
+        keeps_to_rotors: true,
+    };
+    let slow = Monitor::new(&config, &VehicleParameters::default());
+    let cause = blamed_for_a_vehicle_that_leaves(slow, 200_000_000, u64::MAX);
+    assert_eq!(cause, Some(TripCause::PositionDeparts));
 }
