@@ -7,11 +7,13 @@ mod deaths;
 mod participants;
 mod registration;
 mod started_first;
+mod sweep;
 mod take_over;
 
 use registration::Joined;
 use started_first::Expected;
 pub(super) use started_first::StartedFirst;
+use sweep::Sweep;
 
 use super::checkpoint::CheckpointWriter;
 use super::tap::Tap;
@@ -42,6 +44,8 @@ pub(super) struct RestartPolicy {
     pub(super) limit: usize,
     /// Memory that must be free before a process is started in flight.
     pub(super) room: MemoryNeed,
+    /// Whether successors are started while what the dead have left is still being freed.
+    pub(super) frees_meanwhile: bool,
 }
 
 /// From one look for room in shared memory to the next \[ns\].
@@ -88,6 +92,8 @@ pub(super) struct Supervisor {
     awaits_room_ns: Option<u64>,
     /// Processes of slots that are there before their slots have asked for them.
     expected: Vec<Expected>,
+    /// None if the launcher waits for it.
+    sweep: Option<Sweep>,
 }
 
 impl Supervisor {
@@ -117,6 +123,7 @@ impl Supervisor {
             recovered: 0,
             awaits_room_ns: None,
             expected: Vec::new(),
+            sweep: policy.frees_meanwhile.then(|| Sweep::of(bus)),
         })
     }
 
@@ -215,6 +222,12 @@ impl Supervisor {
                 }
                 self.note();
             }
+        }
+        if let Some(sweep) = &mut self.sweep {
+            let mut drain = || {
+                tap.drain(now_ns);
+            };
+            sweep.look(&self.folder, &mut drain, now_ns);
         }
         let now_logical_ns = self.wall.map_or(0, |wall| wall.logical_ns(now_ns));
         for joined in self.take_hellos(tap) {

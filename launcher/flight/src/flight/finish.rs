@@ -32,6 +32,7 @@ impl Flight {
         }
         // All have left. What they leave behind goes with the run, which is wiped whole.
         self.tap.drain(mono_now_ns());
+        self.supervisor.finish_sweep();
         if let Some(bar) = &self.progress {
             bar.finish_and_clear();
         }

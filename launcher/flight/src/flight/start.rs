@@ -27,6 +27,7 @@ use scenario::needs::{MemoryNeed, locks};
 use scenario::orders::Planner;
 use scenario::process::OWN_EXECUTABLE;
 use scenario::services::Assignment;
+use scenario::settings::Clock;
 use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Hello, Role};
 use simulate::Sinks;
@@ -59,12 +60,14 @@ pub(super) struct Prepared {
 
 /// What a scenario prescribes for crashes.
 pub(super) fn restart_policy(scenario: &Scenario, takes_all: bool) -> RestartPolicy {
-    let launcher = &scenario.settings().launcher;
+    let settings = scenario.settings();
+    let launcher = &settings.launcher;
     RestartPolicy {
         backoff_ns: ns_from_s(launcher.restart_backoff_s),
         backoff_max_ns: ns_from_s(launcher.restart_backoff_max_s),
         limit: launcher.restart_limit as usize,
-        room: MemoryNeed::of_instance(scenario.settings(), takes_all),
+        room: MemoryNeed::of_instance(settings, takes_all),
+        frees_meanwhile: settings.scenario.clock == Clock::Realtime && settings.timing.is_empty(),
     }
 }
 

@@ -66,9 +66,16 @@ impl Supervisor {
         post.child = None;
         remove_incomplete_objects(&self.folder);
         // What dead processes published last goes with what they leave behind.
-        bus.sweep_dead_processes(&mut || {
+        let mut drain = || {
             tap.drain(now_ns);
-        });
+        };
+        match &mut self.sweep {
+            Some(sweep) => {
+                drain();
+                sweep.order();
+            }
+            None => bus.sweep_dead_processes(&mut drain),
+        }
         tap.keep_state_of(post.seat, now_ns);
         let lost = |reason: String| {
             let (name, how, last_stderr) = (name.clone(), how.clone(), last_stderr.clone());
@@ -185,6 +192,13 @@ impl Supervisor {
             }
         }
         killed
+    }
+
+    /// Waits until nothing is freed any more; all processes are gone.
+    pub(crate) fn finish_sweep(&mut self) {
+        if let Some(sweep) = &mut self.sweep {
+            sweep.finish(&self.folder);
+        }
     }
 
     /// Kills all processes, now.

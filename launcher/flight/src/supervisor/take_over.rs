@@ -2,6 +2,7 @@
 
 use super::deaths::PLANT_GONE;
 use super::started_first::{Expected, StartedFirst};
+use super::sweep::Sweep;
 use super::{Notice, RestartPolicy, Supervisor};
 use crate::checkpoint::{Checkpoint, CheckpointWriter};
 use crate::tap::Tap;
@@ -40,6 +41,7 @@ impl Supervisor {
             recovered: 0,
             awaits_room_ns: None,
             expected: Vec::new(),
+            sweep: policy.frees_meanwhile.then(|| Sweep::of(bus)),
             hello: started.take_hellos(bus)?,
         };
         // What is noted from here on must hold for the next launcher, should this one die.
