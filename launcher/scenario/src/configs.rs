@@ -59,7 +59,8 @@ impl Scenario {
     /// None for a scenario that has been loaded.
     pub fn filter(&self) -> Result<(FilterConfig, InitialState), estimator::ConfigError> {
         let Settings { estimator, plant, start, vehicle, .. } = &self.settings;
-        let config = estimator.filter_config(vehicle.gravity_m_s2, plant.imu.rate_hz.into())?;
+        let rates_hz = [plant.imu.rate_hz, plant.morph_encoder.rate_hz].map(f64::from);
+        let config = estimator.filter_config(vehicle.gravity_m_s2, rates_hz[0], rates_hz[1])?;
         let morph_angle_rad = start.morph_angle_deg.to_radians();
         let yaw_rad = self.start_yaw_rad();
         let (position_w_m, velocity_w, attitude) = start.belief();

@@ -76,11 +76,13 @@ class Position:
         index = age_ns // spacing_ns
         point = reference.points[min(index, count - 1)]
         (x, y, z), velocity = point.position_w_m, tuple(point.velocity_w_m_s)
-        if index >= count:
-            # The reference does not give a target any more: hover, and land after a while.
-            landing_s = max(0.0, age_ns * 1e-9 - self._hover_s)
-            height_m = max(0.0, z - LANDING_M_S * landing_s)
-            return ((x, y, height_m), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), point.yaw_rad
+        # Without a new reference for a while the vehicle lands, first along what is left of the last one.
+        descent_m = LANDING_M_S * max(0.0, age_ns * 1e-9 - self._hover_s)
+        if index >= count - 1:
+            height_m = max(min(z, 0.0), z - descent_m)
+            sinks = descent_m > 0.0 and height_m > 0.0
+            rest_m_s = (0.0, 0.0, -LANDING_M_S if sinks else 0.0)
+            return ((x, y, height_m), rest_m_s, (0.0, 0.0, 0.0)), point.yaw_rad
         since_s, spacing_s = (age_ns % spacing_ns) * 1e-9, spacing_ns * 1e-9
 
         def slope(index):
@@ -93,6 +95,10 @@ class Position:
             p + (v + 0.5 * a * since_s) * since_s for p, v, a in zip((x, y, z), velocity, now)
         )
         velocity = tuple(v + a * since_s for v, a in zip(velocity, now))
+        if descent_m > 0.0:
+            x, y, z = position
+            position = (x, y, max(min(z, 0.0), z - descent_m))
+            velocity = (velocity[0], velocity[1], velocity[2] - LANDING_M_S)
         ahead = slope((age_ns + LEAD_NS) // spacing_ns)
         return (position, velocity, ahead), point.yaw_rad
 

@@ -158,6 +158,25 @@ class PositionLaw(unittest.TestCase):
             thrust_n = self.step((0.0, 0.0, 0.0), followed)[2]
             self.assertEqual(abs(thrust_n - 1.3) < 1e-6, is_followed)
 
+    def test_without_a_new_reference_it_lands_without_a_jump(self):
+        moving = [
+            Fields(
+                position_w_m=(0.05 * index, 0.0, 1.5), velocity_w_m_s=(1.0, 0.0, 0.0), yaw_rad=0.0
+            )
+            for index in range(48)
+        ]
+        header = Fields(valid_ns=0)
+        reference = Fields(header=header, spacing_ns=50_000_000, count=48, points=moving)
+        position, before = self.position(), None
+        for age_ns in range(1_900_000_000, 6_000_000_000, 20_000_000):
+            ((x, _, z), (_, _, climb_m_s), _), _ = position._target(reference, age_ns)
+            self.assertAlmostEqual(x, min(age_ns * 1e-9, 2.35))
+            self.assertAlmostEqual(z, max(0.0, 1.5 - 0.5 * max(0.0, age_ns * 1e-9 - 2.0)))
+            if before is not None:
+                self.assertLess(abs(z - before), 0.011)
+            self.assertEqual(climb_m_s, -0.5 if 2.0 < age_ns * 1e-9 < 5.0 else 0.0)
+            before = z
+
     def test_a_parabola_of_the_reference_is_met_between_its_points(self):
         def point(t):
             return Fields(

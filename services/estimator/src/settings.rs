@@ -109,7 +109,8 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The filter's numbers for `gravity_m_s2` and an IMU of `imu_rate_hz`, checked.
+    /// The filter's numbers for `gravity_m_s2`, an IMU of `imu_rate_hz` and a morph encoder of `encoder_rate_hz`, checked.
+    /// A gap is what is longer than two periods of a slow sensor.
     ///
     /// # Errors
     /// The first number that the filter refuses.
@@ -117,7 +118,9 @@ impl Settings {
         &self,
         gravity_m_s2: f64,
         imu_rate_hz: f64,
+        encoder_rate_hz: f64,
     ) -> Result<FilterConfig, ConfigError> {
+        let usual = FilterConfig::default();
         let config = FilterConfig {
             gravity_m_s2,
             gyro_noise_rad_s_rthz: self.gyro_noise_density_rad_s_sqrt_hz,
@@ -125,6 +128,7 @@ impl Settings {
             accel_noise_m_s2_rthz: self.accelerometer_noise_density_m_s2_sqrt_hz,
             accel_walk_m_s3_rthz: self.accelerometer_bias_walk_m_s3_sqrt_hz,
             imu_period_ns: ns_from_s(1.0 / imu_rate_hz),
+            max_imu_gap_ns: usual.max_imu_gap_ns.max(ns_from_s(2.0 / imu_rate_hz)),
             fix_position_sigma_m: self.fix_position_noise_m,
             fix_attitude_sigma_rad: self.fix_attitude_noise_rad,
             fix_latency_ns: ns_from_s(self.fix_latency_s),
@@ -133,9 +137,10 @@ impl Settings {
             reopen_after_rejections: self.reopen_after_rejections.into(),
             morph_sigma_rad: self.morph_noise_deg.to_radians(),
             morph_gate: self.morph_gate_chi2,
+            morph_coast_ns: usual.morph_coast_ns.max(ns_from_s(2.0 / encoder_rate_hz)),
             barometer: self.barometer,
             range_finder: self.range_finder,
-            ..FilterConfig::default()
+            ..usual
         };
         config.validate()?;
         Ok(config)
@@ -172,7 +177,7 @@ mod tests {
     fn an_empty_section_is_the_default_filter() {
         let settings: Settings = toml::from_str("").unwrap();
         assert!(settings.validate().is_ok());
-        assert_eq!(settings.filter_config(9.81, 1000.0), Ok(FilterConfig::default()));
+        assert_eq!(settings.filter_config(9.81, 1000.0, 200.0), Ok(FilterConfig::default()));
         let initial = settings.initial_state([0.0; 3], 0.0, 45.0_f64.to_radians());
         assert_eq!(initial, InitialState::default());
     }
@@ -180,7 +185,7 @@ mod tests {
     #[test]
     fn a_latency_that_the_history_cannot_bridge_is_refused() {
         let settings: Settings = toml::from_str("fix_latency_s = 1.0").unwrap();
-        let refusal = settings.filter_config(9.81, 10000.0).unwrap_err();
+        let refusal = settings.filter_config(9.81, 10000.0, 200.0).unwrap_err();
         assert!(matches!(refusal, ConfigError::LatencyTooLong { .. }));
     }
 }

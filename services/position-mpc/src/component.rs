@@ -103,7 +103,7 @@ impl Service for PositionMpc {
     type Memory = ComponentMemory;
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
-        self.tracked.take(inputs);
+        self.tracked.take(inputs, self.law.has_paused());
         let estimate = inputs.state_estimate.link(now_ns, 2 * self.period_ns);
         let (Link::Fresh(estimate), Some(reference)) = (estimate, inputs.reference.latest()) else {
             // The attitude loop holds the last set point, and lets it fade if none follows.

@@ -370,6 +370,12 @@ impl PositionLaw {
         Output { status: LawStatus::Refused(Refusal::NotFinite), ..self.output(&held, setpoint) }
     }
 
+    /// True if it has commanded, and not at the sample before.
+    #[must_use]
+    pub fn has_paused(&self) -> bool {
+        self.memory.commanded && !self.memory.primed
+    }
+
     /// So many samples without a step, for want of a usable estimate or of time: the last command stays in effect
     /// meanwhile, and the next step starts with Δx = 0.
     pub fn leave_out(&mut self, samples: u64) {

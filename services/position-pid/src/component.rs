@@ -58,7 +58,7 @@ impl Service for PositionPid {
     type Memory = ComponentMemory;
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
-        self.tracked.take(inputs);
+        self.tracked.take(inputs, self.law.has_paused());
         let estimate = inputs.state_estimate.link(now_ns, 2 * self.period_ns);
         let (Link::Fresh(estimate), Some(reference)) = (estimate, inputs.reference.latest()) else {
             // The attitude loop holds the last set point, and lets it fade if none follows.
@@ -82,6 +82,11 @@ impl Service for PositionPid {
         if self.tracked.setpoint.is_some() {
             self.law.track();
         }
+    }
+
+    fn skip(&mut self, _left_out: u64) {
+        // What was wished for before is not what has been applied since.
+        self.law.miss();
     }
 
     fn memory(&self) -> ComponentMemory {

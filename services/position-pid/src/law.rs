@@ -292,6 +292,12 @@ impl PositionPidLaw {
         self.memory.primed = false;
     }
 
+    /// True if it has commanded, and not at the sample before.
+    #[must_use]
+    pub fn has_paused(&self) -> bool {
+        self.memory.commanded && !self.memory.primed
+    }
+
     /// Lets the next step continue from the set point that another controller has applied.
     pub fn track(&mut self) {
         self.tracking = true;

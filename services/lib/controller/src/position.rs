@@ -50,26 +50,30 @@ pub struct Tracked {
 }
 
 impl Tracked {
-    /// Takes what the owner reports in a step.
-    pub fn take(&mut self, inputs: &Inputs) {
-        if let Some(sample) = in_command(inputs) {
-            self.set(sample);
-        }
+    /// Takes what the owner reports in a step. A controller that `has_paused` continues from what took the place of its
+    /// last set point, which has faded; at any other time no report without a set point is believed.
+    pub fn take(&mut self, inputs: &Inputs, has_paused: bool) {
+        let Some(sample) = in_command(inputs) else { return };
+        self.set(sample, has_paused && self.setpoint.is_some());
     }
 
     /// The same for a controller that shadows: what is in effect since before it began counts as well.
     pub fn take_shadowing(&mut self, inputs: &Inputs) {
-        self.take(inputs);
+        self.take(inputs, false);
         let (owner, latest) = (&inputs.attitude_owner, inputs.applied_setpoint.latest());
         if let (None, Some(latest)) = (self.setpoint, latest)
             && owner.authority_of(&latest.header) == Authority::Owner
         {
-            self.set(latest);
+            self.set(latest, false);
         }
     }
 
-    fn set(&mut self, sample: &AppliedSetpoint) {
-        self.setpoint = Setpoint::of_applied(sample);
+    fn set(&mut self, sample: &AppliedSetpoint, takes_faded: bool) {
+        self.setpoint = if takes_faded && sample.setpoint_sequence == 0 {
+            Some(Setpoint::in_effect(sample))
+        } else {
+            Setpoint::of_applied(sample)
+        };
         self.release_ns = sample.header.release_ns;
     }
 
@@ -83,5 +87,39 @@ impl Tracked {
     #[must_use]
     pub fn unpacked(setpoint: [f64; 4], is_there: bool, release_ns: u64) -> Self {
         Self { setpoint: is_there.then(|| setpoint.into()), release_ns }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use runtime::InputSet as _;
+
+    /// What the attitude slot's owner reports in a step.
+    fn reported(at_ns: u64, setpoint_sequence: u64, roll_rad: f64) -> Inputs {
+        let mut inputs = Inputs::default();
+        inputs.attitude_owner.offer(OwnerRecord { epoch: 1, ..OwnerRecord::default() });
+        let mut sample =
+            AppliedSetpoint { setpoint_sequence, roll_rad, ..AppliedSetpoint::default() };
+        (sample.header.sequence, sample.header.valid_ns) = (1, at_ns);
+        inputs.applied_setpoint.offer(sample);
+        inputs.accept(at_ns, None);
+        inputs
+    }
+
+    #[test]
+    fn what_has_faded_counts_for_a_controller_that_has_paused_and_for_no_other() {
+        let roll_rad = |tracked: &Tracked| tracked.setpoint.map(|setpoint| setpoint.gamma_rad.x);
+        let mut tracked = Tracked::default();
+        tracked.take(&reported(0, 0, 0.1), true);
+        assert_eq!(roll_rad(&tracked), None, "before the first set point");
+        tracked.take(&reported(10, 7, 0.3), false);
+        assert_eq!(roll_rad(&tracked), Some(0.3));
+        let before = tracked;
+        tracked.take(&reported(20, 0, 0.05), true);
+        assert_eq!(roll_rad(&tracked), Some(0.05));
+        tracked = before;
+        tracked.take(&reported(20, 0, 0.05), false);
+        assert_eq!(roll_rad(&tracked), None);
     }
 }

@@ -77,10 +77,14 @@ pub fn target(reference: &Reference, now_ns: u64, lead_s: f64, landing: &Landing
     // Exact for parabolas: (−3 p₀ + 4 p₁ − p₂)/2h and (p₀ − 2 p₁ + p₂)/h².
     let [p0, p1, p2] = ahead(0.0);
     let [q0, q1, q2] = ahead(lead_s);
+    // Where the reference stops dead, at its end or on the ground, there is no acceleration to be had.
+    let rests = |ahead_s: f64| rests_at(reference, age_s, ahead_s, landing);
+    let stops = rests(age_s + lead_s) != rests(age_s + lead_s + 2.0 * STEP_S);
+    let bend = if stops { Vector3::zeros() } else { q0 - q1 * 2.0 + q2 };
     Target {
         position_w_m: p0,
         velocity_w_m_s: (p1 * 4.0 - p0 * 3.0 - p2) / (2.0 * STEP_S),
-        acceleration_w_m_s2: (q0 - q1 * 2.0 + q2) / (STEP_S * STEP_S),
+        acceleration_w_m_s2: bend / (STEP_S * STEP_S),
         yaw_rad: yaw_at(reference, age_s),
     }
 }
@@ -93,6 +97,14 @@ fn place(reference: &Reference, age_s: f64, ahead_s: f64, landing: &Landing) -> 
         point.z = (point.z - descent_m).max(landing.ground_m.min(point.z));
     }
     point
+}
+
+/// Whether the reference is at its end, and whether the landing is, as in [`place`].
+fn rests_at(reference: &Reference, age_s: f64, ahead_s: f64, landing: &Landing) -> [bool; 2] {
+    let end = in_use(reference).len() - 1;
+    let height_m = position_at(reference, ahead_s).z - landing.ground_m;
+    let descent_m = landing.descent_m(age_s, ahead_s);
+    [segment(reference, ahead_s).0 == end, descent_m > 0.0 && descent_m >= height_m]
 }
 
 fn yaw_at(reference: &Reference, age_s: f64) -> f64 {
@@ -196,6 +208,22 @@ mod tests {
                 .map(|landing| target(&reference(), now_ns, 0.0, landing).position_w_m.z);
             assert!((now[1] - now[0] - descent_m).abs() < 1e-9, "{now:?}");
             assert_eq!(points == planned, descent_m == 0.0, "{age_ns}");
+        }
+    }
+
+    #[test]
+    fn where_a_reference_stops_dead_no_acceleration_is_asked_for() {
+        let mut reference = Reference { spacing_ns: 50_000_000, count: 2, ..Reference::default() };
+        for (i, point) in reference.points.iter_mut().enumerate() {
+            point.position_w_m = [i as f64 * 0.05, 0.0, 1.0];
+            point.velocity_w_m_s = [1.0, 0.0, 0.0];
+        }
+        for now_ns in (0..5_000_000_000).step_by(1_000_000) {
+            for lead_s in [0.0, 0.05] {
+                let asked = target(&reference, now_ns, lead_s, &Landing::default());
+                let most = asked.acceleration_w_m_s2.norm();
+                assert!(most < 1e-6, "{most} m/s² after {now_ns} ns, {lead_s} s ahead");
+            }
         }
     }
 

@@ -16,10 +16,16 @@ impl Setpoint {
     /// The one that an attitude loop reports as tracked; none before its first.
     #[must_use]
     pub fn of_applied(sample: &AppliedSetpoint) -> Option<Self> {
-        (sample.setpoint_sequence > 0).then(|| Self {
+        (sample.setpoint_sequence > 0).then(|| Self::in_effect(sample))
+    }
+
+    /// What an attitude loop reports as tracked, be it a set point or what has taken its place.
+    #[must_use]
+    pub fn in_effect(sample: &AppliedSetpoint) -> Self {
+        Self {
             gamma_rad: Vector3::new(sample.roll_rad, sample.pitch_rad, sample.yaw_rad),
             thrust_n: sample.thrust_n,
-        })
+        }
     }
 
     /// As it is published.

@@ -101,13 +101,16 @@ impl VehicleParameters {
 
     /// What a controller may ask of each torque \[N m\] at `beta` and `thrust_n` \[N\] without
     /// taking from the others more than its share: roll and pitch m g L min(1/2, T/(2 m g)), yaw
-    /// k m g.
+    /// k m g, and never more than rotors that give at most F add to the thrust by (1), L (2 F − T/2) and
+    /// 2 k (2 F − T/2).
     #[must_use]
     pub fn torque_bound_nm(&self, beta: MorphAngle, thrust_n: f64) -> Vector3<f64> {
         let weight = self.weight_n();
         let arm = self.geometry.arm_length_m(beta);
-        let tilt = weight * arm * (0.5 * thrust_n / weight).min(0.5);
-        Vector3::new(tilt, tilt, self.yaw_coefficient_m * weight)
+        let spare_n = (2.0 * self.rotor_thrust_max_n - 0.5 * thrust_n).max(0.0);
+        let tilt = (weight * arm * (0.5 * thrust_n / weight).min(0.5)).min(arm * spare_n);
+        let yaw = self.yaw_coefficient_m * weight.min(2.0 * spare_n);
+        Vector3::new(tilt, tilt, yaw)
     }
 
     /// T \[N\] of hover and, by (1), the torques \[N m\] that rotors can add to it at `beta`: the unit in
@@ -135,12 +138,37 @@ impl VehicleParameters {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Wrench;
 
     #[test]
     fn the_default_vehicle_is_valid_and_has_a_thrust_to_weight_ratio_of_four() {
         let vehicle = VehicleParameters::default();
         assert_eq!(vehicle.validate(), Ok(()));
         assert!((4.0 * vehicle.rotor_thrust_max_n / vehicle.weight_n() - 4.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn weak_rotors_bound_the_torques_to_what_they_can_add_to_the_thrust() {
+        let strong = VehicleParameters::default();
+        let weight_n = strong.weight_n();
+        let weak = VehicleParameters { rotor_thrust_max_n: 1.5 * weight_n / 4.0, ..strong };
+        for beta in [MorphAngle::MIN, MorphAngle::MAX] {
+            for weights in [0.3, 1.0, 1.4, 1.5] {
+                let thrust_n = weights * weight_n;
+                let bound = weak.torque_bound_nm(beta, thrust_n);
+                for torque in [[bound.x, 0.0, 0.0], [0.0, bound.y, 0.0], [0.0, 0.0, bound.z]] {
+                    let wrench = Wrench { torque_b_nm: torque.into(), ..Wrench::thrust(thrust_n) };
+                    let rotors_n = weak.allocator(beta).unlimited_thrusts(&wrench);
+                    let most_n = rotors_n.into_iter().fold(0.0, f64::max);
+                    assert!(
+                        most_n <= weak.rotor_thrust_max_n * (1.0 + 1e-12),
+                        "{weights}: {most_n}"
+                    );
+                }
+                let usual = strong.torque_bound_nm(beta, thrust_n);
+                assert!((usual.x - bound.x > 1e-9) == (weights > 0.8), "{weights}");
+            }
+        }
     }
 
     #[test]

@@ -162,6 +162,11 @@ impl<L: AttitudeLaw> Service for AttitudeController<L> {
         is_recovering(inputs)
     }
 
+    fn skip(&mut self, _left_out: u64) {
+        // What was applied and how the vehicle turned are of more than one period.
+        self.inner.miss();
+    }
+
     fn memory(&self) -> L::Memory {
         self.inner.memory()
     }
