@@ -103,6 +103,7 @@ impl BenchError {
             Self::Scenario(_)
             | Self::Compare(_)
             | Self::NothingToCompare
+            | Self::StandardInput
             | Self::NoSuchCpu { .. }
             | Self::Run(RunError::NoSuchProcessor { .. }) => exit::USAGE,
             Self::Run(RunError::Interrupted) => exit::INTERRUPTED,

@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_attitude_counts_however_long_the_flight_and_in_whatever_order_it_is_read() {
+    fn the_last_attitude_counts_however_long_the_flight() {
         let mut response = StepResponse::default();
         response.observe_setpoint(&AttitudeSetpoint::default());
         for t_ms in 0..=70_000 {

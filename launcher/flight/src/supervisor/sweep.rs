@@ -92,3 +92,36 @@ impl Running {
         Some(Self { thread, asks, received, unstuck_ns: now_ns })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use runtime::namespace::Membership;
+    use std::thread::yield_now;
+
+    #[test]
+    fn what_the_dead_have_sent_is_received_before_it_is_freed() {
+        let run = Membership::found(&format!("sweep{:x}", std::process::id())).unwrap();
+        let bus = Bus::join(&run.ipc_config(), "sweep").unwrap();
+        let (mut sweep, mut drained) = (Sweep::of(&bus), 0);
+        let mut look = |sweep: &mut Sweep, drained: &mut u32| {
+            sweep.look(run.folder(), &mut || *drained += 1, 0);
+            yield_now();
+        };
+        look(&mut sweep, &mut drained);
+        assert!(sweep.running.is_none(), "no process has died");
+        for before in 0..2 {
+            sweep.order();
+            while sweep.is_due || sweep.running.is_some() {
+                look(&mut sweep, &mut drained);
+            }
+            assert_eq!(drained, before + 1);
+        }
+        sweep.order();
+        while sweep.running.is_none() {
+            look(&mut sweep, &mut drained);
+        }
+        sweep.finish(run.folder());
+        assert!(sweep.running.is_none() && drained == 2);
+    }
+}

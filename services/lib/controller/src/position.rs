@@ -98,12 +98,14 @@ mod tests {
     /// What the attitude slot's owner reports in a step.
     fn reported(at_ns: u64, setpoint_sequence: u64, roll_rad: f64) -> Inputs {
         let mut inputs = Inputs::default();
-        inputs.attitude_owner.offer(OwnerRecord { epoch: 1, ..OwnerRecord::default() });
+        // A seat without a process has no authority.
+        let period_ns = [2; 4];
+        inputs.attitude_owner.offer(OwnerRecord { epoch: 1, period_ns, ..OwnerRecord::default() });
         let mut sample =
             AppliedSetpoint { setpoint_sequence, roll_rad, ..AppliedSetpoint::default() };
         (sample.header.sequence, sample.header.valid_ns) = (1, at_ns);
         inputs.applied_setpoint.offer(sample);
-        inputs.accept(at_ns, None);
+        inputs.accept(at_ns, at_ns.checked_sub(5));
         inputs
     }
 
@@ -111,7 +113,7 @@ mod tests {
     fn what_has_faded_counts_for_a_controller_that_has_paused_and_for_no_other() {
         let roll_rad = |tracked: &Tracked| tracked.setpoint.map(|setpoint| setpoint.gamma_rad.x);
         let mut tracked = Tracked::default();
-        tracked.take(&reported(0, 0, 0.1), true);
+        tracked.take(&reported(5, 0, 0.1), true);
         assert_eq!(roll_rad(&tracked), None, "before the first set point");
         tracked.take(&reported(10, 7, 0.3), false);
         assert_eq!(roll_rad(&tracked), Some(0.3));

@@ -168,9 +168,10 @@ fn blamed_for_a_vehicle_that_leaves(
             valid_ns: at_ns,
             ..Header::default()
         };
-        let away_m = if at_ns < 100 * MS { 0.0 } else { 2e-9 * (at_ns - 100 * MS) as f64 };
+        let away_m = if at_ns < 200 * MS { 0.0 } else { 2e-9 * (at_ns - 200 * MS) as f64 };
         inputs.state_estimate.offer(StateEstimate {
             header,
+            described_ns: at_ns,
             q_wb: shared_types::Quaternion::IDENTITY,
             position_w_m: [away_m, 0.0, 1.5],
             velocity_w_m_s: [if away_m > 0.0 { 2.0 } else { 0.0 }, 0.0, 0.0],
