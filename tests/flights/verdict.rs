@@ -84,7 +84,8 @@ const FLIGHTS: [Flight; 9] = [
     ),
     (
         "blind",
-        "[estimator]\nrate_hz = 7\n",
+        "[estimator]\nrate_hz = 1\n\
+         [[disturbance_injector.script]]\nkind = \"wind\"\nmean_w_m_s = [5.0, 0.0, 0.0]\n",
         1,
         "LOST",
         "mean distance off its path in the last second ",

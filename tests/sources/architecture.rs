@@ -214,6 +214,7 @@ const ALLOWED: [(&str, &[&str]); 46] = [
             "document",
             "host",
             "observe",
+            "protocol",
             "record",
             "runtime",
             "scenario",

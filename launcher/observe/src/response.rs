@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_level_set_point_is_no_step_and_the_error_beside_it_is_told() {
+    fn a_level_set_point_is_no_step_and_the_error_beside_it_is_known() {
         let mut response = StepResponse::default();
         assert!(response.error_rad() < 1e-12);
         response.observe_setpoint(&AttitudeSetpoint::default());
