@@ -104,7 +104,7 @@ mod tests {
         let run = Membership::found(&format!("sweep{:x}", std::process::id())).unwrap();
         let bus = Bus::join(&run.ipc_config(), "sweep").unwrap();
         let (mut sweep, mut drained) = (Sweep::of(&bus), 0);
-        let mut look = |sweep: &mut Sweep, drained: &mut u32| {
+        let look = |sweep: &mut Sweep, drained: &mut u32| {
             sweep.look(run.folder(), &mut || *drained += 1, 0);
             yield_now();
         };
