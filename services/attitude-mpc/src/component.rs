@@ -145,7 +145,8 @@ impl Service for AttitudeMpc {
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         self.take_setpoint(now_ns, inputs);
         let Some(input) = self.law_input(now_ns, inputs) else {
-            self.law.miss();
+            let reported = applied(inputs).map(|applied| applied.torque_b_nm.into());
+            self.law.leave_out(1, reported);
             return;
         };
         let plan = inputs.morph_command.latest().map(|command| plan(command, now_ns));
@@ -177,9 +178,8 @@ impl Service for AttitudeMpc {
         is_recovering(inputs)
     }
 
-    fn skip(&mut self, _left_out: u64) {
-        // Δx would span more than a period.
-        self.law.miss();
+    fn skip(&mut self, left_out: u64) {
+        self.law.leave_out(left_out, None);
     }
 
     fn memory(&self) -> ComponentMemory {

@@ -248,10 +248,11 @@ impl AttitudeLaw {
         }
     }
 
-    /// A sample without a usable estimate: nothing is commanded, and the next good one starts with
-    /// Δx = 0.
-    pub fn miss(&mut self) {
+    /// So many samples without a step, for want of a usable estimate or of time, with the torque that the plant has
+    /// reported of the last \[N m\], if it is known. Δx would span more than a period: the next step starts with Δx = 0.
+    pub fn leave_out(&mut self, samples: u64, reported_nm: Option<Vector3<f64>>) {
         self.memory.primed = false;
+        self.memory.actuators.pass(samples, reported_nm, &self.config.timing());
     }
 
     /// The program of the last step, for study and benchmarks.

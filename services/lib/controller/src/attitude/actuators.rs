@@ -5,6 +5,8 @@ use mpc::LaggedAxis;
 use nalgebra::Vector3;
 use shared_types::Slot;
 
+/// Periods after which nothing is left of what was before them, at any lag.
+const SETTLED: u64 = 64;
 /// Far below any period \[s\]: 1/500 − 0.001 must count as 0.001.
 const ROUNDING_S: f64 = 1e-9;
 
@@ -118,6 +120,15 @@ impl Actuators {
         self.applied_nm = latest.into();
     }
 
+    /// Brings the copy over so many periods without a step, with the torque that the plant has reported in the last of
+    /// them, or else the last command in effect.
+    pub fn pass(&mut self, periods: u64, reported: Option<Vector3<f64>>, timing: &Timing) {
+        let axis = timing.axis();
+        for _ in 0..periods.min(SETTLED) {
+            self.follow(reported, timing, &axis);
+        }
+    }
+
     /// Takes u(k−1) from another controller, whose command the plant has applied, before
     /// [`follow`](Self::follow). A report of an earlier command is carried on by the increment that was chosen here at k−1.
     pub fn track(&mut self, applied: &Vector3<f64>, timing: &Timing) {
@@ -171,6 +182,27 @@ mod tests {
         // One millisecond more of the old command, then nine of none.
         let rising = 1.0 - libm::exp(-10.0 / 15.0);
         assert!((copy.torque_nm[0] - rising * libm::exp(-9.0 / 15.0)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn over_a_gap_the_torque_goes_on_to_what_is_in_effect() {
+        let timing = timing(10.0 * MS);
+        let mut before = Actuators::at_rest();
+        before.follow(None, &timing, &timing.axis());
+        before.command(&Vector3::new(1.0, 0.0, 0.0));
+        for (reported, expected) in [(None, 1.0), (Some(Vector3::zeros()), 0.0)] {
+            for periods in [10, u64::MAX] {
+                let mut copy = before;
+                copy.pass(periods, reported, &timing);
+                assert!((copy.torque_nm[0] - expected).abs() < 2e-3, "{copy:?}");
+            }
+        }
+        let (mut stepwise, mut at_once) = (before, before);
+        at_once.pass(2, None, &timing);
+        for _ in 0..2 {
+            stepwise.follow(None, &timing, &timing.axis());
+        }
+        assert_eq!(at_once, stepwise);
     }
 
     #[test]

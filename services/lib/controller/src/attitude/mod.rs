@@ -143,7 +143,7 @@ impl<L: AttitudeLaw> AttitudeLoop<L> {
         let tracking = core::mem::take(&mut self.tracking);
         let Some(sample) = self.sample(measurement, setpoint, tracking) else {
             self.common.refused += 1;
-            self.miss();
+            self.common.primed = false;
             let torque = Limited::held(&self.common.actuators.command_nm.into());
             self.common.actuators.command(&torque.input);
             return Output { torque, thrust_n: self.common.thrust_n, is_new: false };
@@ -207,9 +207,11 @@ impl<L: AttitudeLaw> AttitudeLoop<L> {
         self.tracking = true;
     }
 
-    /// A sample without a usable estimate: nothing is commanded.
-    pub fn miss(&mut self) {
+    /// So many samples without a step, for want of a usable estimate or of time: nothing was commanded, and the plant
+    /// reports this torque, if it is known.
+    pub fn leave_out(&mut self, samples: u64, reported: Option<Vector3<f64>>) {
         self.common.primed = false;
+        self.common.actuators.pass(samples, reported, &self.timing);
     }
 
     /// What surrounds the law.

@@ -129,7 +129,8 @@ impl<L: AttitudeLaw> Service for AttitudeController<L> {
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         self.take_setpoint(now_ns, inputs);
         let Some(measurement) = self.measurement(now_ns, inputs) else {
-            self.inner.miss();
+            let reported = applied(inputs).map(|applied| applied.torque_b_nm.into());
+            self.inner.leave_out(1, reported);
             return;
         };
         let setpoint = Setpoint::from(self.inner.common().setpoint);
@@ -162,9 +163,8 @@ impl<L: AttitudeLaw> Service for AttitudeController<L> {
         is_recovering(inputs)
     }
 
-    fn skip(&mut self, _left_out: u64) {
-        // What was applied and how the vehicle turned are of more than one period.
-        self.inner.miss();
+    fn skip(&mut self, left_out: u64) {
+        self.inner.leave_out(left_out, None);
     }
 
     fn memory(&self) -> L::Memory {
