@@ -38,6 +38,8 @@ pub struct StepResponse {
 #[derive(Debug, Clone)]
 struct Step {
     at_ns: u64,
+    /// The set point before it.
+    before: Vector3<f64>,
     target: Vector3<f64>,
     /// First attitude since then, and the answers.
     answer: Option<(Vector3<f64>, [AxisResponse; 3])>,
@@ -84,8 +86,10 @@ impl StepResponse {
     /// Takes note of a set point. The first one is a step if it is not level, which the vehicle is before.
     pub fn observe_setpoint(&mut self, sample: &AttitudeSetpoint) {
         let gamma = Vector3::new(sample.roll_rad, sample.pitch_rad, sample.yaw_rad);
-        if self.setpoint.replace(gamma).unwrap_or_default() != gamma {
-            let mut step = Step { at_ns: sample.header.valid_ns, target: gamma, answer: None };
+        let before = self.setpoint.replace(gamma).unwrap_or_default();
+        if before != gamma {
+            let at_ns = sample.header.valid_ns;
+            let mut step = Step { at_ns, before, target: gamma, answer: None };
             for (t_ns, gamma) in &self.recent {
                 step.observe(*t_ns, gamma);
             }
@@ -104,7 +108,12 @@ impl StepResponse {
     #[must_use]
     pub fn error_rad(&self) -> f64 {
         let Some((_, gamma)) = self.recent.back() else { return 0.0 };
-        let error = gamma - self.setpoint.unwrap_or_default();
+        // A pilot runs ahead: a step that no attitude has come after is not in force yet.
+        let in_force = self.step.as_ref().map(|step| match step.answer {
+            Some(_) => step.target,
+            None => step.before,
+        });
+        let error = gamma - in_force.unwrap_or_default();
         error.iter().map(|error_rad| wrap_pi(*error_rad).abs()).fold(0.0, worst)
     }
 }
@@ -174,6 +183,10 @@ mod tests {
         response.observe_truth(&rolled(0, -0.2));
         assert_eq!(response.axes(), None);
         assert!((response.error_rad() - 0.2).abs() < 1e-12);
+        let mut ahead = AttitudeSetpoint { roll_rad: 0.5, ..AttitudeSetpoint::default() };
+        ahead.header.valid_ns = 200_000_000;
+        response.observe_setpoint(&ahead);
+        assert!((response.error_rad() - 0.2).abs() < 1e-12, "it is not in force yet");
     }
 
     #[test]

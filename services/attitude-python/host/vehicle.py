@@ -23,11 +23,11 @@ class Vehicle:
 
     def bound_nm(self, morph_angle_rad, thrust_n):
         """Largest torque that the rotors can give beside a thrust: two of them no more than half the
-        weight and than they have, the other two no less than nothing."""
+        weight and than they have at hover, the other two no less than nothing."""
         degrees = degrees_of(morph_angle_rad)
         c0, c1, c2 = self._vehicle["arm_length_m"]
         arm_m = c0 + degrees * (c1 + degrees * c2)
-        spare_n = max(0.0, 2.0 * self._vehicle["rotor_thrust_max_n"] - 0.5 * thrust_n)
+        spare_n = max(0.0, 2.0 * self._vehicle["rotor_thrust_max_n"] - 0.5 * self.weight_n)
         tilt_nm = arm_m * min(0.5 * self.weight_n, 0.5 * thrust_n, spare_n)
         yaw_nm = self._vehicle["yaw_coefficient_m"] * min(self.weight_n, 2.0 * spare_n)
         return (tilt_nm, tilt_nm, yaw_nm)

@@ -90,13 +90,15 @@ shared_types::memory! {
         pub has_asked: bool,
         /// Effective instant of the last set point that counted \[ns\]; 0 for none.
         pub asked_ns: u64,
+        /// Until when the position slot has asked for nothing \[ns\]; 0 for never.
+        pub silent_ns: u64,
         /// Since when commands have been clipped without a break \[ns\]; 0 if the last one was not.
         pub clipped_from_ns: u64,
         /// Of each slot: seat that commanded it at the last step, [`NO_SEAT`] for none.
         pub commanding: [u32; Slot::COUNT],
         /// Epoch of its record in which the fallback commanded in place of the owner last; 0 for none.
         pub replaced: [u64; Slot::COUNT],
-        /// Since when, or until when its proven owner has been silent \[ns\]; 0 for never.
+        /// Since when \[ns\]; 0 for never.
         pub replaced_ns: [u64; Slot::COUNT],
         /// Epoch of the position slot in which the attitude slot has last reported the fallback in command; 0 for none.
         pub failed_over: u64,
@@ -307,7 +309,12 @@ impl Monitor {
             .then(|| Finding::of(TripCause::Overturns, 0.0, self.judge.tilt_limit_rad()))
     }
 
-    fn moment(&mut self, now_ns: u64, inputs: &Inputs) -> Option<Moment> {
+    fn moment(
+        &mut self,
+        now_ns: u64,
+        inputs: &Inputs,
+        hands: &[Hands; Slot::COUNT],
+    ) -> Option<Moment> {
         let Link::Fresh(estimate) = inputs.state_estimate.link(now_ns, self.stale_ns) else {
             return None;
         };
@@ -344,6 +351,8 @@ impl Monitor {
             asked: self.memory.has_asked.then(|| setpoint(self.memory.asked)),
             asked_every_s: asked_every_ns as f64 * 1e-9,
             recovers: self.recovers(now_ns),
+            is_unsteered: matches!(hands[Slot::Position.index()], Hands::Proven)
+                && is_recovering(self.memory.silent_ns, now_ns),
             applied,
             reference,
         })
@@ -383,15 +392,14 @@ impl Service for Monitor {
         self.take_asked(now_ns, inputs);
         self.take_applied(inputs);
         let hands = self.hands(now_ns, inputs);
-        let position = Slot::Position.index();
-        if matches!(hands[position], Hands::Proven) && self.is_silent(now_ns, inputs) {
-            self.memory.replaced_ns[position] = now_ns;
+        if self.is_silent(now_ns, inputs) {
+            self.memory.silent_ns = now_ns;
         }
         let misreported = self.misreported(now_ns, inputs);
         if !hands.iter().any(|hands| matches!(hands, Hands::Watched(_))) {
             return;
         }
-        let moment = self.moment(now_ns, inputs);
+        let moment = self.moment(now_ns, inputs, &hands);
         let findings = moment.map(|moment| self.judge.see(&moment)).unwrap_or_default();
         let [attitude, position] = blame(findings, &hands);
         let found =

@@ -84,6 +84,8 @@ pub struct Moment {
     /// Whether the attitude and the position slot's owner have been replaced lately: where the vehicle is and how it
     /// leans then is their doing.
     pub recovers: [bool; 2],
+    /// Whether the proven owner of the position slot has been silent lately: where the vehicle is then is its doing.
+    pub is_unsteered: bool,
     /// What the reference asks for; `None` on a rig.
     pub reference: Option<Target>,
 }
@@ -209,7 +211,7 @@ impl Judge {
         let swings = self.swings(moment);
         let thrust = self.thrust(moment);
         let asked = self.asked(moment);
-        let moved = self.moved(moment, &braking);
+        let moved = self.moved(moment, &braking).filter(|_| !moment.is_unsteered);
         // If the attitude followed its set point, the set point led the vehicle there, and the position
         // controller, which gave it, is to blame.
         let followed = self.memory.error_of_late_rad < self.limits.astray_rad;

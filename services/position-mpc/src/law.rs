@@ -199,10 +199,11 @@ impl PositionLaw {
             let gamma = &setpoint.gamma_rad;
             input_of(gamma.x, gamma.y, heading, setpoint.thrust_n)
         });
-        if memory.commanded {
+        if memory.commanded && (memory.primed || foreign.is_none()) {
             self.pass_period(latest);
         } else if heading.is_finite() {
-            // A successor starts from what its predecessor left in effect.
+            // A successor starts from what its predecessor left in effect, and one that has paused from what has been
+            // applied meanwhile.
             memory.thrust_n = latest.z;
             memory.inputs = [latest.into(); HISTORY];
         }

@@ -52,7 +52,12 @@ impl Base {
     /// # Errors
     /// The scenario cannot be flown.
     pub fn own_seed(&self) -> Result<u64, ScenarioError> {
-        Ok(self.with(Vec::new())?.settings().scenario.seed)
+        Ok(self.shared()?.settings().scenario.seed)
+    }
+
+    /// The scenario that all cases share.
+    pub(super) fn shared(&self) -> Result<Scenario, ScenarioError> {
+        self.with(Vec::new())
     }
 
     fn with(&self, own: Vec<Override>) -> Result<Scenario, ScenarioError> {

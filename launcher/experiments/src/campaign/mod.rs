@@ -88,7 +88,8 @@ pub fn run(
     let seeds = plan.seeds.clone().unwrap_or_else(|| vec![own_seed]);
     let cases = Case::all(&plan.axes, &seeds);
     let build = build_hash().map_err(CampaignError::Executable)?;
-    let keys: Vec<String> = cases.iter().map(|case| key(plan, case, &build)).collect();
+    let keys = Keys::of(plan, &build);
+    let keys: Vec<String> = cases.iter().map(|case| keys.of_case(case)).collect();
     let identity = Identity { campaign: hash(keys.iter().map(String::as_str)), build };
     let journal = Journal::open(folder.path(), &identity, restart)?;
     let known: Vec<Option<Outcome>> = keys.iter().map(|k| journal.finished(k).cloned()).collect();
@@ -123,16 +124,40 @@ pub fn run(
 
 /// What distinguishes a case from every other one, in this campaign or another, of this build or another: also what
 /// stands in the files that its scenario names.
-fn key(plan: &Plan, case: &Case, build: &str) -> String {
-    let scenario = plan.base.scenario(&plan.axes, case).ok();
-    let outside = scenario.as_ref().map(files_of).unwrap_or_default();
-    // Of a path in a file it has the rows.
-    let text = scenario.as_ref().map_or(plan.base.text.as_str(), Scenario::to_toml);
-    let own = case.settings(&plan.axes).collect::<Vec<_>>();
-    let seed = case.seed.to_string();
-    let parts = [build, &plan.base.name, text, &seed];
-    let settings = plan.base.set.iter().chain(&own).map(String::as_str);
-    hash(parts.into_iter().chain(settings).chain(outside.iter().map(String::as_str)))
+struct Keys<'p> {
+    plan: &'p Plan,
+    build: &'p str,
+    /// Of the scenario that all cases share, unless an axis may name files.
+    shared: Option<Vec<String>>,
+}
+
+impl<'p> Keys<'p> {
+    fn of(plan: &'p Plan, build: &'p str) -> Self {
+        let names_files = |axis: &Axis| FILES.iter().any(|section| axis.key.starts_with(section));
+        let shared = plan.base.shared().ok().filter(|_| !plan.axes.iter().any(names_files));
+        Self { plan, build, shared: shared.map(|scenario| read(&scenario)) }
+    }
+
+    fn of_case(&self, case: &Case) -> String {
+        let Self { plan, build, shared } = self;
+        let own = || {
+            let scenario = plan.base.scenario(&plan.axes, case);
+            scenario.map_or_else(|_| vec![plan.base.text.clone()], |scenario| read(&scenario))
+        };
+        let read = shared.clone().unwrap_or_else(own);
+        let settings = plan.base.set.iter().cloned().chain(case.settings(&plan.axes));
+        let parts = [(*build).to_owned(), plan.base.name.clone(), case.seed.to_string()];
+        let parts: Vec<String> = parts.into_iter().chain(read).chain(settings).collect();
+        hash(parts.iter().map(String::as_str))
+    }
+}
+
+/// Sections whose keys name files.
+const FILES: [&str; 3] = ["pilot", "swap", "standby"];
+
+/// The text of a scenario, which has the rows of its path's file, and hashes of the other files that its flight needs.
+fn read(scenario: &Scenario) -> Vec<String> {
+    core::iter::once(scenario.to_toml().to_owned()).chain(files_of(scenario)).collect()
 }
 
 /// Hashes of the configurations and executables that join a flight.

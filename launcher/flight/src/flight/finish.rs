@@ -33,6 +33,9 @@ impl Flight {
         // All have left. What they leave behind goes with the run, which is wiped whole.
         self.tap.drain(mono_now_ns());
         self.supervisor.finish_sweep();
+        if let Some(leftovers) = self.leftovers.take() {
+            leftovers.finish();
+        }
         if let Some(bar) = &self.progress {
             bar.finish_and_clear();
         }

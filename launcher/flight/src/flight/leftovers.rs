@@ -34,6 +34,11 @@ impl Leftovers {
         self.freeing.as_ref().is_some_and(JoinHandle::is_finished)
     }
 
+    /// Waits for the end of what has begun. All processes are gone, and no object is empty.
+    pub(super) fn finish(self) {
+        let _ = self.freeing.map(JoinHandle::join);
+    }
+
     fn begin(&mut self) {
         let sweeper = self.sweeper.clone();
         let free = move || sweeper.sweep(&mut || ());

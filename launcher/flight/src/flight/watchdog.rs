@@ -1,6 +1,7 @@
-//! The watchdog of the launcher's loop, which lets it go on if the transport waits without an end: for an object that a process has made, and
-//! left empty since it was killed. The loop removes such objects when it finds that a process has died, but one that dies
-//! while it frees what another one has left, or receives, blocks it before it can find out.
+//! The watchdog of the launcher's loop, which lets it go on if the transport waits without an end: for an object that a
+//! process has made, and left empty since it was killed. The loop removes such objects when it finds that a process has died,
+//! but one that dies while it receives, or in simulated time frees what another one has left, blocks it before it can find
+//! out.
 
 use core::time::Duration;
 use runtime::clock::mono_now_ns;

@@ -196,8 +196,9 @@ impl Supervisor {
 
     /// Waits until nothing is freed any more; all processes are gone.
     pub(crate) fn finish_sweep(&mut self) {
+        remove_incomplete_objects(&self.folder);
         if let Some(sweep) = &mut self.sweep {
-            sweep.finish(&self.folder);
+            sweep.finish();
         }
     }
 

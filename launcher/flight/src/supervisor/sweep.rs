@@ -66,9 +66,8 @@ impl Sweep {
         }
     }
 
-    /// Waits for the end of what has begun: the run's folder may be removed then. All processes are gone.
-    pub(super) fn finish(&mut self, folder: &Path) {
-        remove_incomplete_objects(folder);
+    /// Waits for the end of what has begun. All processes are gone, and no object is empty.
+    pub(super) fn finish(&mut self) {
         if let Some(Running { thread, received, .. }) = self.running.take() {
             // It no longer waits for a drain.
             drop(received);
@@ -100,7 +99,7 @@ mod tests {
     use std::thread::yield_now;
 
     #[test]
-    fn what_the_dead_have_sent_is_received_before_it_is_freed() {
+    fn a_sweep_asks_once_for_what_has_been_sent_and_its_end_waits_for_none() {
         let run = Membership::found(&format!("sweep{:x}", std::process::id())).unwrap();
         let bus = Bus::join(&run.ipc_config(), "sweep").unwrap();
         let (mut sweep, mut drained) = (Sweep::of(&bus), 0);
@@ -121,7 +120,7 @@ mod tests {
         while sweep.running.is_none() {
             look(&mut sweep, &mut drained);
         }
-        sweep.finish(run.folder());
+        sweep.finish();
         assert!(sweep.running.is_none() && drained == 2);
     }
 }

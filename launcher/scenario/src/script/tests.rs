@@ -192,5 +192,5 @@ fn a_configuration_that_a_candidate_could_not_read_is_refused_beforehand() {
     let with = |config: &str| swap(&format!("at_s = 2.0\nconfig = {config:?}"));
     assert_refused(&with("/proc"), 7, "swap[0].config", "is not a file");
     assert_refused(&with(file!()), 7, "swap[0].config", "cannot be read");
-    assert_refused(&with("/proc/version"), 7, "swap[0].config", "cannot be flown");
+    assert_refused(&with("/proc/version"), 7, "swap[0].config", "is no scenario");
 }

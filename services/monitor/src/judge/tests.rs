@@ -36,6 +36,7 @@ fn rest(step: u64) -> Moment {
         }),
         asked_every_s: 0.0,
         recovers: [false; 2],
+        is_unsteered: false,
         reference: Some(Target {
             position_w_m: place,
             velocity_w_m_s: Vector3::zeros(),

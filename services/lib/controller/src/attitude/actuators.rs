@@ -5,8 +5,8 @@ use mpc::LaggedAxis;
 use nalgebra::Vector3;
 use shared_types::Slot;
 
-/// Periods after which nothing is left of what was before them, at any lag.
-const SETTLED: u64 = 64;
+/// Rotor lags after which nothing is left of what was before them.
+const SETTLED_LAGS: f64 = 40.0;
 /// Far below any period \[s\]: 1/500 − 0.001 must count as 0.001.
 const ROUNDING_S: f64 = 1e-9;
 
@@ -124,8 +124,15 @@ impl Actuators {
     /// them, or else the last command in effect.
     pub fn pass(&mut self, periods: u64, reported: Option<Vector3<f64>>, timing: &Timing) {
         let axis = timing.axis();
-        for _ in 0..periods.min(SETTLED) {
-            self.follow(reported, timing, &axis);
+        let reported = reported.filter(|torque| torque.iter().all(|t| t.is_finite()));
+        if let Some(torque) = reported.filter(|_| self.commanded) {
+            // It has been in effect for all of the period, whatever of it the report is.
+            (self.applied_nm, self.command_nm) = (torque.into(), torque.into());
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+        let settled = libm::ceil(SETTLED_LAGS * axis.lag_s / timing.period_s) as u64 + 2;
+        for _ in 0..periods.min(settled) {
+            self.follow(None, timing, &axis);
         }
     }
 
@@ -186,23 +193,28 @@ mod tests {
 
     #[test]
     fn over_a_gap_the_torque_goes_on_to_what_is_in_effect() {
-        let timing = timing(10.0 * MS);
-        let mut before = Actuators::at_rest();
-        before.follow(None, &timing, &timing.axis());
-        before.command(&Vector3::new(1.0, 0.0, 0.0));
-        for (reported, expected) in [(None, 1.0), (Some(Vector3::zeros()), 0.0)] {
-            for periods in [10, u64::MAX] {
+        for period_s in [10.0 * MS, 2.0 * MS, MS] {
+            let timing = timing(period_s);
+            let mut before = Actuators::at_rest();
+            before.follow(None, &timing, &timing.axis());
+            before.command(&Vector3::new(1.0, 0.0, 0.0));
+            for (reported, expected) in [(None, 1.0), (Some(Vector3::zeros()), 0.0)] {
                 let mut copy = before;
-                copy.pass(periods, reported, &timing);
-                assert!((copy.torque_nm[0] - expected).abs() < 2e-3, "{copy:?}");
+                copy.pass(u64::MAX, reported, &timing);
+                assert!((copy.torque_nm[0] - expected).abs() < 1e-12, "{copy:?}");
+                for periods in 1..5 {
+                    let mut copy = before;
+                    copy.pass(periods, reported, &timing);
+                    assert_eq!(copy.applied_nm[0], expected, "{periods} of {period_s}");
+                }
             }
+            let (mut stepwise, mut at_once) = (before, before);
+            at_once.pass(2, None, &timing);
+            for _ in 0..2 {
+                stepwise.follow(None, &timing, &timing.axis());
+            }
+            assert_eq!(at_once, stepwise);
         }
-        let (mut stepwise, mut at_once) = (before, before);
-        at_once.pass(2, None, &timing);
-        for _ in 0..2 {
-            stepwise.follow(None, &timing, &timing.axis());
-        }
-        assert_eq!(at_once, stepwise);
     }
 
     #[test]
