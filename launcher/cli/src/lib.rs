@@ -249,7 +249,7 @@ fn load(arguments: &ScenarioArguments, diagnostics: &mut dyn Write) -> Result<Sc
     Ok(scenario)
 }
 
-pub(crate) fn load_quietly(arguments: &ScenarioArguments) -> Result<Scenario, ScenarioError> {
+fn load_quietly(arguments: &ScenarioArguments) -> Result<Scenario, ScenarioError> {
     let overrides = arguments.overrides()?;
     let scenario = if arguments.scenario == STANDARD_INPUT {
         Scenario::read("standard input", io::stdin(), &overrides)?

@@ -107,10 +107,15 @@ impl VehicleParameters {
     pub fn torque_bound_nm(&self, beta: MorphAngle, thrust_n: f64) -> Vector3<f64> {
         let weight = self.weight_n();
         let arm = self.geometry.arm_length_m(beta);
-        let spare_n = (2.0 * self.rotor_thrust_max_n - 0.5 * weight).max(0.0);
+        let spare_n = self.spare_at_hover_n();
         let tilt = (weight * arm * (0.5 * thrust_n / weight).min(0.5)).min(arm * spare_n);
         let yaw = self.yaw_coefficient_m * weight.min(2.0 * spare_n);
         Vector3::new(tilt, tilt, yaw)
+    }
+
+    /// What a pair of rotors can give beyond hover, 2 F − m g/2 \[N\].
+    fn spare_at_hover_n(&self) -> f64 {
+        (2.0 * self.rotor_thrust_max_n - 0.5 * self.weight_n()).max(0.0)
     }
 
     /// T \[N\] of hover and, by (1), the torques \[N m\] that rotors can add to it at `beta`: the unit in
@@ -119,7 +124,7 @@ impl VehicleParameters {
     pub fn largest_wrench(&self, beta: MorphAngle) -> [f64; 4] {
         let weight_n = self.weight_n();
         // The pair that slows down can give up half of the weight, the other as much as is left.
-        let spare_n = (0.5 * weight_n).min(2.0 * self.rotor_thrust_max_n - 0.5 * weight_n).max(0.0);
+        let spare_n = (0.5 * weight_n).min(self.spare_at_hover_n());
         let tilt_nm = self.geometry.arm_length_m(beta) * spare_n;
         [weight_n, tilt_nm, tilt_nm, 2.0 * self.yaw_coefficient_m * spare_n]
     }
