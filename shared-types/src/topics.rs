@@ -129,7 +129,7 @@ floor_plan! {
         "real rotor thrusts"
     7 STATE_ESTIMATE "state_estimate": StateEstimate, Estimator => [Position, Attitude, Monitor], ZeroLatency, history 128, hashed;
         "believed state with one-sigma errors"
-    8 REFERENCE "reference": Reference, Pilot => [Position, Monitor], ZeroLatency, history 32;
+    8 REFERENCE "reference": Reference, Pilot => [Position, Attitude, Monitor], ZeroLatency, history 32;
         "trajectory to follow, with preview"
     9 MORPH_COMMAND "morph_command": MorphCommand, Pilot => [Plant, Position, Attitude], ZeroLatency, history 32;
         "commanded deployable angle, with its path"

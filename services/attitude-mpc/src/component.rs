@@ -65,8 +65,13 @@ impl AttitudeMpc {
 
     /// Takes the set point that counts, or what stands in for one; the last one stays if there is neither.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
-        let Inputs { position_owner, attitude_setpoint, trip, state_estimate, .. } = inputs;
-        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip, state_estimate);
+        let taken = self.slot.take(
+            now_ns,
+            &inputs.position_owner,
+            &inputs.attitude_setpoint,
+            &inputs.trip,
+            (&inputs.state_estimate, &inputs.reference),
+        );
         if let Some(command) = taken {
             let [thrust_n, roll, pitch, yaw] = command.value;
             self.setpoint = Setpoint { gamma_rad: Vector3::new(roll, pitch, yaw), thrust_n };

@@ -9,19 +9,16 @@ another owner or fallback.
 import math
 import typing
 
+from .backup import backup_of
+
 # Bound on the tilt that a position loop asks for, the unit in which steps of it are measured [rad].
 TILT_BOUND_RAD = 0.35
 # Share of a bound by which a change to a controller of another kind may step at once, and the time over
 # which the rest comes back [ns].
 STEP_SHARE = 0.1
 LIMITED_FOR_NS = 100_000_000
-# Time constant with which the last set point fades [s], and what takes its place: tilt against the horizontal
-# velocity [rad s/m] up to a largest one [rad], share of the weight against the vertical one [s/m] up to a largest.
+# Time constant with which the last set point fades [s].
 FADES_S = 0.5
-TILT_PER_SPEED_RAD_S_M, BRAKING_TILT_MAX_RAD = 0.1, 0.2
-LIFT_PER_SPEED_S_M, LIFT_MAX = 0.1, 0.3
-# For how long an owner that has tripped is not followed although there is no fallback [ns].
-REJECTED_AFTER_TRIP_NS = 1_500_000_000
 
 
 class Command(typing.NamedTuple):
@@ -143,7 +140,7 @@ class CommandArbiter:
 
     def trip(self, epoch, instance, at_ns):
         """Takes the monitor's trip of the owner of an epoch, which is not followed any more: the fallback counts as
-        soon as it has a valid set point after `levels_until_ns`, and no set point until then. A record that has left
+        soon as it has a valid set point after `backup_until_ns`, and no set point until then. A record that has left
         owner and fallback in place since does not outdate it; and the epoch may be one that was refused here or is
         yet to come, while the owner is the same."""
         record = self.record
@@ -194,9 +191,7 @@ class CommandArbiter:
             is_from_before = owners is not None and owners.valid_ns < record.effective_ns
             if owners is None or (is_from_before and self._carried.seat != record.owner):
                 owners = self._carried
-        is_late = t_ns >= self._tripped_ns + REJECTED_AFTER_TRIP_NS
-        owner_counts = not self.tripped or (is_late and fallbacks is None)
-        if owners is not None and not self.failed_over and owner_counts:
+        if owners is not None and not self.failed_over and not self.tripped:
             choice = owners
         else:
             choice = fallbacks
@@ -204,9 +199,9 @@ class CommandArbiter:
         self._last = choice
         return None if choice is None else self._limited(choice, t_ns)
 
-    def levels_until_ns(self):
+    def backup_until_ns(self):
         """Until when no set point counts after a trip, unless a record names another owner: the fallback has two periods
-        to see that the vehicle levels. It continues from what is applied, and would begin with what its predecessor has
+        to see what the backup law asks for. It continues from what is applied, and would begin with what its predecessor has
         tripped for."""
         if not self.tripped or self.failed_over:
             return 0
@@ -217,15 +212,14 @@ class CommandArbiter:
         self.open_ns = max(self.open_ns, t_ns + 1)
         self._last = None
 
-    def level(self, weight_n):
-        """What to follow in place of an owner that has tripped while there is no other yet, if that is so: it
-        carries the weight and keeps the heading. A loop that has followed none keeps its first one."""
+    def forget_tripped(self):
+        """The last heading of an owner that has tripped while there is no other yet, if that is so: nothing has to
+        continue from its set points. A loop that has followed none has no heading either."""
         if not self.tripped or self.failed_over or self._given is None:
             return None
-        yaw_rad = self._given.value[3]
         self._given = self._given._replace(seat=None)
         self._limiter.reset()
-        return Command((weight_n, 0.0, 0.0, yaw_rad), 0, None, 0, 0)
+        return self._given.value[3]
 
     def lapsed(self, t_ns):
         """The last set point that was followed, if its end is past."""
@@ -266,14 +260,14 @@ class SetPoints:
         tilt_rad = STEP_SHARE * TILT_BOUND_RAD
         # The heading comes from the reference whichever process owns the slot, and it wraps: never limited.
         self._arbiter = CommandArbiter((STEP_SHARE * weight_n, tilt_rad, tilt_rad, math.inf))
-        self._faded_ns = 0
+        self._faded_ns, self._excess = 0, (0.0, 0.0, 0.0)
 
-    def take(self, t_ns, owners, setpoints, trips, estimate):
+    def take(self, t_ns, owners, setpoints, trips, estimate, reference):
         """The set point at an instant, from the inputs `position_owner`, `attitude_setpoint` and `trip`, and the
-        newest state estimate, if there is one; None if none is valid, and the last one stays; one is for two
-        control periods of its writer. After two more without another, the last one fades, and the vehicle is
-        brought to rest; if the owner has tripped and no fallback has taken over yet, it is level at once. Both have
-        the sequence 0 of no set point."""
+        newest state estimate and reference, if there are any; None if none is valid, and the last one stays; one is
+        for two control periods of its writer. After two more without another, the last one fades, and a backup law
+        follows the reference; if the owner has tripped and no fallback has taken over yet, it does so at once.
+        Both have the sequence 0 of no set point."""
         arbiter = self._arbiter
         joins = arbiter.record is None
         records = [owners.before] if joins and owners.before else []
@@ -301,29 +295,44 @@ class SetPoints:
                 self._decide(at_ns)
         self._take_trips(t_ns, trips, waiting)
         arbiter.advance(t_ns)
-        order = self._decide(t_ns) or arbiter.level(self._weight_n)
-        return order or self._fade(t_ns, estimate)
+        return (
+            self._decide(t_ns)
+            or self._replace_tripped(t_ns, estimate, reference)
+            or self._fade(t_ns, estimate, reference)
+        )
 
     def _decide(self, t_ns):
-        """The set point that counts at an instant; None while the loop is to be level."""
+        """The set point that counts at an instant; None while the backup law is to follow the reference."""
         arbiter = self._arbiter
-        if t_ns < arbiter.levels_until_ns():
+        if t_ns < arbiter.backup_until_ns():
             arbiter.reject(t_ns)
             return None
         return arbiter.decide(t_ns)
 
-    def _fade(self, t_ns, estimate):
+    def _replace_tripped(self, t_ns, estimate, reference):
+        """What is followed in place of an owner that has tripped while there is no other yet."""
+        yaw_rad = self._arbiter.forget_tripped()
+        if yaw_rad is None:
+            return None
+        value = backup_of(t_ns, self._weight_n, yaw_rad, estimate, reference)
+        return Command(value, 0, None, 0, 0)
+
+    def _fade(self, t_ns, estimate, reference):
         """What is followed in place of the last set point when its end is two periods past."""
         last = self._arbiter.lapsed(t_ns)
         if last is None:
             return None
         two_periods_ns = last.valid_until_ns - last.valid_ns
-        since_ns = t_ns - max(last.valid_until_ns + two_periods_ns, self._faded_ns)
+        from_ns = last.valid_until_ns + two_periods_ns
+        since_ns = t_ns - max(from_ns, self._faded_ns)
         if since_ns < 0:
             return None
+        *law, yaw_rad = backup_of(t_ns, self._weight_n, last.value[3], estimate, reference)
+        if self._faded_ns < from_ns:
+            self._excess = tuple(value - own for value, own in zip(last.value, law))
         left = FADES_S / (FADES_S + since_ns * 1e-9)
-        braking = braking_of(self._weight_n, last.value[3], estimate)
-        value = tuple(to + (value - to) * left for value, to in zip(last.value, braking))
+        self._excess = tuple(left * excess for excess in self._excess)
+        value = (*(own + excess for own, excess in zip(law, self._excess)), yaw_rad)
         self._faded_ns = t_ns
         self._arbiter.replace_lapsed(value)
         return Command(value, 0, None, 0, 0)
@@ -363,31 +372,6 @@ class SetPoints:
         applied.seat = no_seat if arbiter.seat is None else arbiter.seat
         applied.failed_over = arbiter.failed_over
         applied.tripped = arbiter.tripped
-
-
-def braking_of(weight_n, yaw_rad, estimate):
-    """Thrust [N], roll, pitch and yaw [rad] that bring the vehicle to rest; without a finite estimate that is level,
-    and carries the weight."""
-    ahead, left, up = (0.0, 0.0, 0.0) if estimate is None else velocity_of(estimate)
-
-    def bounded(value, most):
-        return min(max(value, -most), most)
-
-    roll_rad = bounded(TILT_PER_SPEED_RAD_S_M * left, BRAKING_TILT_MAX_RAD)
-    pitch_rad = -bounded(TILT_PER_SPEED_RAD_S_M * ahead, BRAKING_TILT_MAX_RAD)
-    lift = 1.0 - bounded(LIFT_PER_SPEED_S_M * up, LIFT_MAX)
-    by_tilt = 1.0 + 0.5 * (roll_rad**2 + pitch_rad**2)
-    return (weight_n * lift * by_tilt, roll_rad, pitch_rad, yaw_rad)
-
-
-def velocity_of(estimate):
-    """Velocity ahead and to the left of the vehicle's heading, and up [m/s]; zeros for one that is not finite."""
-    q, (east, north, up) = estimate.q_wb, estimate.velocity_w_m_s
-    cosine, sine = 1.0 - 2.0 * (q.y**2 + q.z**2), 2.0 * (q.x * q.y + q.w * q.z)
-    length = math.hypot(cosine, sine) or math.nan
-    ahead, left = (cosine * east + sine * north) / length, (cosine * north - sine * east) / length
-    is_finite = all(map(math.isfinite, (ahead, left, up)))
-    return (ahead, left, up) if is_finite else (0.0, 0.0, 0.0)
 
 
 def record_of(sample):

@@ -8,7 +8,7 @@ from . import process
 from .arbiter import SetPoints
 from .vehicle import Vehicle
 
-INPUTS = ("state_estimate", "attitude_setpoint", "applied_command", "position_owner", "trip")
+INPUTS = ("state_estimate", "attitude_setpoint", "applied_command", "position_owner", "trip", "reference")
 OUTPUTS = ("wrench_command", "applied_setpoint", "attitude_report")
 # An estimate older than this, and than two periods, is not flown on [ns].
 STALE_NS = 20_000_000
@@ -77,8 +77,8 @@ class Attitude:
         """Takes the set point that counts, or what stands in for one; the last one stays if there is neither."""
         setpoints = loop.inputs["attitude_setpoint"]
         owners, trips = loop.inputs["position_owner"], loop.inputs["trip"]
-        estimate = loop.inputs["state_estimate"].value
-        command = self._setpoints.take(t_ns, owners, setpoints, trips, estimate)
+        estimate, reference = loop.inputs["state_estimate"].value, loop.inputs["reference"].value
+        command = self._setpoints.take(t_ns, owners, setpoints, trips, estimate, reference)
         if command is not None:
             self._thrust_n, *angles_rad = command.value
             self._angles_rad, self._followed = tuple(angles_rad), command.sequence

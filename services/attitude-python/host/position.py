@@ -5,6 +5,7 @@ import sys
 import typing
 
 from . import process
+from .reference import motion_at
 from .vehicle import Vehicle
 
 INPUTS = ("state_estimate", "reference", "applied_setpoint", "applied_command", "attitude_owner")
@@ -14,8 +15,6 @@ TILT_MAX_RAD = 0.35
 THRUST_WEIGHTS = (0.3, 2.0)
 # Without a reference for `hover_s` the vehicle sinks at this rate [m/s].
 LANDING_M_S = 0.5
-# The reference's acceleration is taken so far ahead: the attitude loop answers that much later [ns].
-LEAD_NS = 50_000_000
 FREE = (math.inf, math.inf, math.inf)
 
 
@@ -71,36 +70,17 @@ class Position:
 
     def _target(self, reference, t_ns):
         """Position, velocity and acceleration to have now, and the heading."""
-        age_ns, spacing_ns = max(0, t_ns - reference.header.valid_ns), max(1, reference.spacing_ns)
-        count = min(max(1, reference.count), len(reference.points))
-        index = age_ns // spacing_ns
-        point = reference.points[min(index, count - 1)]
-        (x, y, z), velocity = point.position_w_m, tuple(point.velocity_w_m_s)
+        position, velocity, ahead, yaw_rad, rests = motion_at(reference, t_ns)
         # Without a new reference for a while the vehicle lands, first along what is left of the last one.
-        descent_m = LANDING_M_S * max(0.0, age_ns * 1e-9 - self._hover_s)
-        if index >= count - 1:
-            height_m = max(min(z, 0.0), z - descent_m)
-            sinks = descent_m > 0.0 and height_m > 0.0
-            rest_m_s = (0.0, 0.0, -LANDING_M_S if sinks else 0.0)
-            return ((x, y, height_m), rest_m_s, (0.0, 0.0, 0.0)), point.yaw_rad
-        since_s, spacing_s = (age_ns % spacing_ns) * 1e-9, spacing_ns * 1e-9
-
-        def slope(index):
-            ends = (reference.points[min(one, count - 1)] for one in (index, index + 1))
-            before, after = (end.velocity_w_m_s for end in ends)
-            return tuple((b - a) / spacing_s for a, b in zip(before, after))
-
-        now = slope(index)
-        position = tuple(
-            p + (v + 0.5 * a * since_s) * since_s for p, v, a in zip((x, y, z), velocity, now)
-        )
-        velocity = tuple(v + a * since_s for v, a in zip(velocity, now))
+        age_s = max(0, t_ns - reference.header.valid_ns) * 1e-9
+        descent_m = LANDING_M_S * max(0.0, age_s - self._hover_s)
         if descent_m > 0.0:
             x, y, z = position
-            position = (x, y, max(min(z, 0.0), z - descent_m))
-            velocity = (velocity[0], velocity[1], velocity[2] - LANDING_M_S)
-        ahead = slope((age_ns + LEAD_NS) // spacing_ns)
-        return (position, velocity, ahead), point.yaw_rad
+            height_m = max(min(z, 0.0), z - descent_m)
+            sinks = not rests or height_m > 0.0
+            position = (x, y, height_m)
+            velocity = (*velocity[:2], velocity[2] - LANDING_M_S) if sinks else velocity
+        return (position, velocity, ahead), yaw_rad
 
     def _take_followed(self, loop):
         """Notes what the attitude loop in command follows; shadows report what they would, too."""

@@ -76,6 +76,7 @@ class AttitudeLaw(unittest.TestCase):
             "applied_command": Taken(applied),
             "position_owner": Taken(),
             "trip": Taken(),
+            "reference": Taken(),
         }
         names = ("wrench_command", "applied_setpoint", "attitude_report")
         step = loop(10, inputs, applied is not None, dict.fromkeys(names, {}))
@@ -100,7 +101,8 @@ class AttitudeLaw(unittest.TestCase):
     def test_without_a_fresh_estimate_nothing_is_commanded(self):
         law = attitude_pd.AttitudePd(VEHICLE, 0.01, attitude_pd.GAINS)
         attitude = Attitude(law, VEHICLE, {"start_yaw_rad": 0.0}, SAMPLES)
-        inputs = {"attitude_setpoint": Taken(), "position_owner": Taken(), "trip": Taken()}
+        silent = ("attitude_setpoint", "position_owner", "trip", "reference")
+        inputs = {name: Taken() for name in silent}
         inputs["state_estimate"] = Taken(estimate())
         self.assertEqual(attitude.step(20_000_001, loop(10, inputs, False, {})), ())
 

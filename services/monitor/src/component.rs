@@ -22,7 +22,8 @@ const STALE_NS: u64 = 20_000_000;
 /// Longest step over which motion is integrated \[s\]; twice the period of the monitor where that is longer. After a
 /// longer pause the step counts as zero, so that a gap in the estimates is not mistaken for a motion.
 const MAX_STEP_S: f64 = 0.1;
-/// Periods after which a set point has faded for want of another: it is valid for two, and held for two more.
+/// Periods after which an attitude controller flies by its backup law for want of another set point: one is valid for two,
+/// and held for two more.
 const SILENT_PERIODS: u64 = 4;
 
 inputs! {
@@ -169,7 +170,7 @@ impl Monitor {
             self.memory.setpoint = setpoint;
             self.memory.has_setpoint = true;
         } else if applied.setpoint_sequence == 0 {
-            // Level, or on the way to rest: there is no set point to compare with.
+            // By the backup law: there is no set point to compare with.
             self.memory.has_setpoint = false;
         }
     }
@@ -227,7 +228,7 @@ impl Monitor {
         let mut seats = [NO_SEAT; Slot::COUNT];
         for slot in Slot::ALL.map(Slot::index) {
             let Some(record) = records(inputs)[slot].in_effect_at(now_ns) else { continue };
-            // A trip is known here before it takes effect. Without a fallback the slot's consumer levels.
+            // A trip is known here before it takes effect. Without a fallback the slot's consumer flies by itself.
             let is_there = period_ns(record, record.fallback) > 0;
             let fallback = if is_there { record.fallback } else { NO_SEAT };
             let has_tripped = self.memory.trips[slot].holds(record, fallback, now_ns);
@@ -284,8 +285,8 @@ impl Monitor {
         Some(Finding::of(cause?, 0.0, 0.0))
     }
 
-    /// Whether the position slot asks for nothing any more, although it has an owner: its last set point fades, and where
-    /// the vehicle goes meanwhile is no attitude controller's doing.
+    /// Whether the position slot asks for nothing any more, although it has an owner: a backup law without an integral
+    /// stands in, and where the vehicle goes meanwhile is not judged.
     fn is_silent(&self, now_ns: u64, inputs: &Inputs) -> bool {
         let record = inputs.position_owner.in_effect_at(now_ns);
         let every_ns = record.map_or(0, |record| period_ns(record, record.owner));

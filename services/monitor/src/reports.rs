@@ -215,9 +215,9 @@ impl Reports {
         let memory = &self.memory;
         let [_, fallback] = memory.hands;
         let [_, fallback_every_ns] = report.asked_every_ns;
-        // First it is level, and names no set point, for two periods of the fallback.
-        let levels_ns = if report.sequence == 0 { 2 * fallback_every_ns } else { 0 };
-        let tripped_ns = memory.tripped_ns.saturating_add(levels_ns);
+        // First it flies by its backup law, and names no set point, for two periods of the fallback.
+        let backup_ns = if report.sequence == 0 { 2 * fallback_every_ns } else { 0 };
+        let tripped_ns = memory.tripped_ns.saturating_add(backup_ns);
         let due_ns = tripped_ns.saturating_add(FOLLOWED_WITHIN_NS.max(2 * report.period_ns));
         // Usable in a step of the attitude loop between the trip and then.
         let counts = |asked: &Asked| {
@@ -242,7 +242,7 @@ impl Reports {
         let is_over = |newer: &Asked| newer.valid_ns.saturating_add(overdue_ns) < report.release_ns;
         let Some(of_seat) = self.by_seat(report.seat) else { return Judged::Unfound };
         if report.sequence == 0 && report.seat == self.memory.tripped {
-            // Until there is another one to follow it is level and tracks no set point.
+            // Until there is another one to follow it tracks no set point.
             return Judged::Open;
         }
         if report.sequence == 0 && !settles && !self.memory.hands.contains(&report.seat) {

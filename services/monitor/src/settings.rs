@@ -17,8 +17,8 @@ const BEYOND_WEIGHTS: f64 = 0.1;
 pub enum Fallback {
     /// The previous owner, for as long as the new one is watched.
     Auto,
-    /// None: after a trip the vehicle is levelled until the initial controller has been started in the owner's place, or
-    /// for 1.5 s.
+    /// None: after a trip the actuation gate levels the vehicle for 1.5 s at most, or the attitude controller follows the
+    /// reference by itself, until the initial controller has been started in the owner's place.
     None,
 }
 

@@ -13,7 +13,7 @@ use crate::sensors::{ImuSample, Sensors};
 use nalgebra::Vector3;
 use runtime::{CommandArbiter, Service};
 use shared_types::{AppliedCommand, Flag, GateMode, Quaternion, Role, WrenchCommand};
-use slot::{Authority, Tripped};
+use slot::{Authority, REJECTED_AFTER_TRIP_NS, Tripped};
 use vehicle::{
     Actuation, Allocation, GroundContact, LinearModel, MorphAngle, NonlinearModel, PlantInputs,
     PlantModel, Truth, VehicleParameters, Wrench, components,
@@ -77,7 +77,7 @@ impl Plant {
             gate: config.initial_gate(&state)?,
             unproven: config.unproven,
             start_morph: config.morph_angle,
-            arbiter: CommandArbiter::new(),
+            arbiter: CommandArbiter::new(REJECTED_AFTER_TRIP_NS),
             integrated_ns: 0,
             reading: None,
             measured_morph_rad: config.morph_angle.rad(),

@@ -117,7 +117,7 @@ impl Slots {
         let then = match successor {
             Some(successor) => format!("{} is to take over", self.orders.name(slot, successor)),
             None => {
-                "there is no fallback: the vehicle is levelled, and the initial controller started"
+                "there is no fallback: the vehicle is held without one, and the initial controller started"
                     .to_owned()
             }
         };

@@ -9,8 +9,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 use runtime::{Link, Service, SetpointMemory, SetpointSlot, inputs, outputs};
 use serde::Deserialize;
 use shared_types::{
-    AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, GateMode, OwnerRecord, Role,
-    StateEstimate, Trip, WrenchCommand, topics,
+    AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, GateMode, OwnerRecord,
+    Reference, Role, StateEstimate, Trip, WrenchCommand, topics,
 };
 use vehicle::{MorphAngle, VehicleParameters, rotation};
 
@@ -49,6 +49,8 @@ inputs! {
         position_owner: OwnerRecord = topics::POSITION_OWNER,
         /// Owners that are not to be followed any more.
         trip: Trip = topics::TRIP,
+        /// What is followed while no set point counts.
+        reference: Reference = topics::REFERENCE,
     }
 }
 
@@ -133,8 +135,13 @@ impl Controller {
 
     /// Takes the set point that counts, or what stands in for one; the last one stays if there is neither.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
-        let Inputs { position_owner, attitude_setpoint, trip, state_estimate, .. } = inputs;
-        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip, state_estimate);
+        let taken = self.slot.take(
+            now_ns,
+            &inputs.position_owner,
+            &inputs.attitude_setpoint,
+            &inputs.trip,
+            (&inputs.state_estimate, &inputs.reference),
+        );
         if let Some(command) = taken {
             let [thrust_n, roll_rad, pitch_rad, yaw_rad] = command.value;
             self.memory.setpoint = [roll_rad, pitch_rad, yaw_rad, thrust_n];

@@ -7,7 +7,7 @@
 //! record for an instant that is past then came too late and is refused. [`setpoints`] does all this for a
 //! loop that tracks attitude set points.
 
-mod rest;
+mod backup;
 pub mod setpoints;
 
 use crate::input::Input;
@@ -71,18 +71,12 @@ pub struct CommandArbiter {
     kind_changes: bool,
 }
 
-impl Default for CommandArbiter {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl CommandArbiter {
-    /// Knows no record and follows no seat.
+    /// Knows no record and follows no seat. So long it rather follows none than an owner that has tripped \[ns\].
     #[must_use]
-    pub fn new() -> Self {
+    pub fn new(rejected_for_ns: u64) -> Self {
         Self {
-            consumer: Consumer::new(),
+            consumer: Consumer::new(rejected_for_ns),
             commands: CommandBuffer::new(),
             limiter: Limiter::new([0.0; 4], LIMITED_FOR_NS),
             given: Command::default(),

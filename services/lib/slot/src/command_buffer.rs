@@ -208,7 +208,7 @@ mod tests {
 
     impl Receiver {
         fn new(records: &[Record]) -> Self {
-            let mut consumer = Consumer::new();
+            let mut consumer = Consumer::new(crate::REJECTED_AFTER_TRIP_NS);
             for record in records {
                 assert_eq!(consumer.take_record(record), Taken::Accepted);
             }

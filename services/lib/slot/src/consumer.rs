@@ -20,9 +20,9 @@ use crate::record::{Authority, Record, RecordMemory, Seat};
 /// Records that may wait for their instant.
 pub const PENDING: usize = 4;
 
-/// For how long an owner that has tripped is not followed although there is no fallback: the consumer levels by itself
-/// until the supervisor's next epoch. After that even a bad owner is better than none, and the actuation gate would cut
-/// the rotors in half a second \[ns\].
+/// For how long a consumer that could not hold the vehicle up for ever does not follow an owner that has tripped although
+/// there is no fallback. After that even a bad owner is better than none: the actuation gate would begin to descend half a
+/// second later \[ns\].
 pub const REJECTED_AFTER_TRIP_NS: u64 = 1_500_000_000;
 
 /// What became of a record.
@@ -130,13 +130,15 @@ pub struct Consumer {
     failed_over: bool,
     tripped: bool,
     tripped_epoch: u64,
+    rejected_for_ns: u64,
 }
 
 impl Consumer {
-    /// A consumer that knows no record and follows no seat.
+    /// A consumer that knows no record and follows no seat. So long it rather follows none than an owner that has tripped
+    /// \[ns\].
     #[must_use]
-    pub fn new() -> Self {
-        Self::default()
+    pub fn new(rejected_for_ns: u64) -> Self {
+        Self { rejected_for_ns, ..Self::default() }
     }
 
     /// Takes a record as soon as it is known; it counts from its own instant on.
@@ -246,12 +248,12 @@ impl Consumer {
 
     /// Decides which command counts at `now_ns`, given which seats have a usable one. Moves to the fallback, until the
     /// next epoch, if only it has one; and until a record names another owner or fallback, if it has one
-    /// and the owner has tripped. An owner that has tripped is not followed for [`REJECTED_AFTER_TRIP_NS`] even if
-    /// there is no fallback.
+    /// and the owner has tripped. For the time that the consumer was made with, an owner that has tripped is
+    /// not followed even if there is no fallback.
     pub fn decide(&mut self, now_ns: u64, owner_valid: bool, fallback_valid: bool) -> Source {
         self.open_ns = self.open_ns.max(now_ns.saturating_add(1));
         let fallback_valid = fallback_valid && self.current.is_some_and(|r| r.fallback.is_some());
-        let rejected_until_ns = self.counters.trip_ns.saturating_add(REJECTED_AFTER_TRIP_NS);
+        let rejected_until_ns = self.counters.trip_ns.saturating_add(self.rejected_for_ns);
         let owner_counts = !self.tripped || now_ns >= rejected_until_ns && !fallback_valid;
         if owner_valid && !self.failed_over && owner_counts {
             return Source::Owner;
@@ -352,6 +354,7 @@ impl Consumer {
             failed_over: memory.failed_over,
             tripped: memory.tripped,
             tripped_epoch: memory.tripped_epoch,
+            rejected_for_ns: self.rejected_for_ns,
         };
     }
 }

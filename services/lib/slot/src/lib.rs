@@ -23,7 +23,9 @@ pub mod record;
 pub mod supervisor;
 
 pub use command_buffer::{Choice, Command, CommandBuffer, CommandBufferMemory};
-pub use consumer::{Consumer, ConsumerMemory, Counters, Source, Taken, Tripped, Turn};
+pub use consumer::{
+    Consumer, ConsumerMemory, Counters, REJECTED_AFTER_TRIP_NS, Source, Taken, Tripped, Turn,
+};
 pub use gate::{Axis, Gate, GateFigures, GateLimits, Pair, Refusal};
 pub use limiter::{Limiter, LimiterMemory};
 pub use record::{Authority, Record, SEATS, Seat};

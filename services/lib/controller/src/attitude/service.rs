@@ -6,12 +6,12 @@ use runtime::arbiter::setpoints::SetpointSlot;
 use runtime::{Link, Service, inputs, outputs};
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, GateMode, MorphCommand,
-    OwnerRecord, StateEstimate, Trip, WrenchCommand, topics,
+    OwnerRecord, Reference, StateEstimate, Trip, WrenchCommand, topics,
 };
 use vehicle::{MorphAngle, VehicleParameters};
 
 /// An estimate older than this, and than two periods, is flown no more: the command lapses and the
-/// plant's gate, which has a gyro of its own, takes over \[ns\].
+/// plant's gate takes over, which goes by the IMU without an estimator \[ns\].
 const STALE_NS: u64 = 20_000_000;
 
 inputs! {
@@ -29,6 +29,8 @@ inputs! {
         position_owner: OwnerRecord = topics::POSITION_OWNER,
         /// Owners that are not to be followed any more.
         trip: Trip = topics::TRIP,
+        /// Trajectory to follow while no set point counts.
+        reference: Reference = topics::REFERENCE,
     }
 }
 
@@ -64,8 +66,13 @@ impl<L: AttitudeLaw> AttitudeController<L> {
 
     /// Takes the set point that counts, or what stands in for one; the last one stays if there is neither.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
-        let Inputs { position_owner, attitude_setpoint, trip, state_estimate, .. } = inputs;
-        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip, state_estimate);
+        let taken = self.slot.take(
+            now_ns,
+            &inputs.position_owner,
+            &inputs.attitude_setpoint,
+            &inputs.trip,
+            (&inputs.state_estimate, &inputs.reference),
+        );
         let slot = self.slot.memory();
         let common = self.inner.common_mut();
         common.slot = slot;

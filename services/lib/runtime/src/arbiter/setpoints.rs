@@ -1,11 +1,11 @@
 //! The position slot's consumer, and what its owner reads back from the attitude slot.
 
-use super::rest::{braking, faded};
-use super::{ArbiterMemory, CommandArbiter, Selection};
+use super::{ArbiterMemory, CommandArbiter, Selection, backup};
 use crate::input::Input;
 use core::slice::Iter;
 use shared_types::{
-    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, Flag, OwnerRecord, Role, StateEstimate, Trip,
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, Flag, OwnerRecord, Reference, Role,
+    StateEstimate, Trip,
 };
 use slot::{Authority, Command};
 
@@ -24,6 +24,8 @@ shared_types::memory! {
         pub refused: u64,
         /// Until when the last set point has faded \[ns\].
         pub faded_ns: u64,
+        /// What is left of it beside what stands in for it: T \[N\], φ, θ \[rad\].
+        pub excess: [f64; 3],
     }
 }
 
@@ -33,6 +35,7 @@ pub struct SetpointSlot {
     arbiter: CommandArbiter,
     refused: u64,
     faded_ns: u64,
+    excess: [f64; 3],
     limit: [f64; 4],
     weight_n: f64,
 }
@@ -44,20 +47,27 @@ impl SetpointSlot {
         let tilt = STEP_SHARE * TILT_BOUND_RAD;
         // The heading comes from the reference whichever process owns the slot, and it wraps: never limited.
         let limit = [STEP_SHARE * weight_n, tilt, tilt, f64::INFINITY];
-        Self { arbiter: CommandArbiter::new(), refused: 0, faded_ns: 0, limit, weight_n }
+        Self {
+            arbiter: CommandArbiter::new(u64::MAX),
+            refused: 0,
+            faded_ns: 0,
+            excess: [0.0; 3],
+            limit,
+            weight_n,
+        }
     }
 
     /// The set point to track at `now_ns`, its value T \[N\], φ, θ, ψ \[rad\]; `None` if none is valid, and the last one
-    /// stays; one is for two control periods of its writer. After two more without another, the last one fades, and the
-    /// vehicle is brought to rest; if the owner has tripped and no fallback has taken over yet, it is level at once. Both
-    /// have the sequence 0 of no set point.
+    /// stays; one is for two control periods of its writer. After two more without another, the last one fades, and a
+    /// backup law follows the reference, or brakes without one; if the owner has tripped and no fallback has taken over
+    /// yet, it does so at once. Both have the sequence 0 of no set point.
     pub fn take(
         &mut self,
         now_ns: u64,
         records: &Input<OwnerRecord>,
         setpoints: &Input<AttitudeSetpoint>,
         trips: &Input<Trip>,
-        estimates: &Input<StateEstimate>,
+        (estimates, references): (&Input<StateEstimate>, &Input<Reference>),
     ) -> Option<Command> {
         let joins = self.arbiter.consumer.record().is_none();
         self.arbiter.take_records(records);
@@ -92,44 +102,63 @@ impl SetpointSlot {
         let order = self.decide(now_ns);
         order
             .map(|order| order.command)
-            .or_else(|| self.level())
-            .or_else(|| self.fade(now_ns, estimates.latest()))
+            .or_else(|| self.replace_tripped(now_ns, estimates.latest(), references.latest()))
+            .or_else(|| self.fade(now_ns, estimates.latest(), references.latest()))
     }
 
     /// Decides which set point counts at an instant. After a trip none counts until the fallback has had two periods to
-    /// see that the vehicle levels, or a record names another owner: the fallback continues from what is applied, and
-    /// would begin with what its predecessor has tripped for.
+    /// see what the backup law asks for, or a record names another owner: the fallback continues from what is applied,
+    /// and would begin with what its predecessor has tripped for.
     fn decide(&mut self, at_ns: u64) -> Option<Selection> {
         let record = self.arbiter.consumer.record().filter(|_| self.arbiter.is_revoked());
-        let levels_ns = record.map_or(0, |record| {
+        let backup_ns = record.map_or(0, |record| {
             let period_ns = record.fallback.map_or(0, |seat| record.period_ns[seat.index()]);
             self.arbiter.counters().trip_ns.saturating_add(period_ns.saturating_mul(2))
         });
-        if at_ns < levels_ns {
+        if at_ns < backup_ns {
             self.arbiter.reject(at_ns);
             return None;
         }
         self.arbiter.decide(at_ns, &self.limit)
     }
 
-    /// What is tracked in place of a set point of an owner that has tripped, until there is another's. The heading
-    /// stays. A loop that has tracked none keeps its first one.
-    fn level(&mut self) -> Option<Command> {
+    /// What is tracked in place of a set point of an owner that has tripped, until there is another's. A loop that has
+    /// tracked none keeps its first one.
+    fn replace_tripped(
+        &mut self,
+        now_ns: u64,
+        estimate: Option<&StateEstimate>,
+        reference: Option<&Reference>,
+    ) -> Option<Command> {
         let Command { value: [.., yaw_rad], sequence, .. } = self.arbiter.given;
         (self.arbiter.is_revoked() && sequence > 0).then(|| {
             self.arbiter.forget_order();
-            Command { value: [self.weight_n, 0.0, 0.0, yaw_rad], ..Command::default() }
+            let value = backup::setpoint(now_ns, self.weight_n, yaw_rad, estimate, reference);
+            Command { value, ..Command::default() }
         })
     }
 
     /// What is tracked in place of the last set point when its end is two periods past.
-    fn fade(&mut self, now_ns: u64, estimate: Option<&StateEstimate>) -> Option<Command> {
+    fn fade(
+        &mut self,
+        now_ns: u64,
+        estimate: Option<&StateEstimate>,
+        reference: Option<&Reference>,
+    ) -> Option<Command> {
         let last = *self.arbiter.lapsed(now_ns)?;
-        let [.., yaw_rad] = last.value;
+        let [thrust_n, roll_rad, pitch_rad, yaw_rad] = last.value;
         let two_periods_ns = last.valid_until_ns.saturating_sub(last.effective_ns);
-        let from_ns = last.valid_until_ns.saturating_add(two_periods_ns).max(self.faded_ns);
-        let since_ns = now_ns.checked_sub(from_ns)?;
-        let value = faded(&last.value, &braking(self.weight_n, yaw_rad, estimate), since_ns);
+        let from_ns = last.valid_until_ns.saturating_add(two_periods_ns);
+        let since_ns = now_ns.checked_sub(from_ns.max(self.faded_ns))?;
+        let [thrust, roll, pitch, yaw] =
+            backup::setpoint(now_ns, self.weight_n, yaw_rad, estimate, reference);
+        if self.faded_ns < from_ns {
+            self.excess = [thrust_n - thrust, roll_rad - roll, pitch_rad - pitch];
+        }
+        let left = backup::share_left(since_ns);
+        self.excess = self.excess.map(|excess| left * excess);
+        let [more_n, roll_more, pitch_more] = self.excess;
+        let value = [thrust + more_n, roll + roll_more, pitch + pitch_more, yaw];
         self.faded_ns = now_ns;
         self.arbiter.replace_lapsed(value);
         Some(Command { value, ..Command::default() })
@@ -191,14 +220,15 @@ impl SetpointSlot {
     /// Everything that evolves.
     #[must_use]
     pub fn memory(&self) -> SetpointMemory {
-        let Self { refused, faded_ns, .. } = *self;
-        SetpointMemory { arbiter: self.arbiter.memory(), refused, faded_ns }
+        let Self { refused, faded_ns, excess, .. } = *self;
+        SetpointMemory { arbiter: self.arbiter.memory(), refused, faded_ns, excess }
     }
 
     /// Continues from a memory, bit for bit.
     pub fn restore(&mut self, memory: &SetpointMemory) {
         self.arbiter.restore(&memory.arbiter);
         (self.refused, self.faded_ns) = (memory.refused, memory.faded_ns);
+        self.excess = memory.excess;
     }
 }
 

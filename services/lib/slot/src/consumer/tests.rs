@@ -19,7 +19,7 @@ fn record(epoch: u64, effective_ns: u64, owner: usize, fallback: Option<usize>) 
 }
 
 fn consumer(records: &[Record]) -> Consumer {
-    let mut consumer = Consumer::new();
+    let mut consumer = Consumer::new(REJECTED_AFTER_TRIP_NS);
     for record in records {
         assert_eq!(consumer.take_record(record), Taken::Accepted);
     }
@@ -108,7 +108,7 @@ fn a_newer_record_for_an_earlier_instant_voids_those_that_wait_beyond_it() {
 
 #[test]
 fn more_records_than_there_is_room_for_are_refused_and_counted() {
-    let mut consumer = Consumer::new();
+    let mut consumer = Consumer::new(REJECTED_AFTER_TRIP_NS);
     for epoch in 1..=PENDING as u64 {
         assert_eq!(consumer.take_record(&record(epoch, epoch * 10, 0, None)), Taken::Accepted);
     }
@@ -188,7 +188,7 @@ fn a_restored_consumer_goes_on_as_the_first_would_have() {
     consumer.decide(10, false, true);
     let mut packed = vec![0; ConsumerMemory::PACKED_SIZE];
     consumer.memory().pack(&mut packed);
-    let mut other = Consumer::new();
+    let mut other = Consumer::new(REJECTED_AFTER_TRIP_NS);
     other.restore(&ConsumerMemory::unpack(&packed));
     assert_eq!(other, consumer);
 }
@@ -326,6 +326,15 @@ fn an_owner_that_has_tripped_is_followed_again_if_it_is_not_replaced_in_time() {
     assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);
     assert_eq!(alone.decide(9 + REJECTED_AFTER_TRIP_NS, true, false), Source::Neither);
     assert_eq!(alone.decide(10 + REJECTED_AFTER_TRIP_NS, true, false), Source::Owner);
+    let mut held = Consumer::new(u64::MAX);
+    assert_eq!(held.take_record(&record(1, 0, 0, None)), Taken::Accepted);
+    held.advance(10);
+    assert_eq!(held.trip(1, A, 10), Tripped::NoFallback);
+    assert_eq!(
+        held.decide(u64::MAX - 1, true, false),
+        Source::Neither,
+        "it holds the vehicle up by itself"
+    );
 }
 
 #[test]
@@ -333,7 +342,7 @@ fn a_restored_consumer_remembers_that_the_owner_has_tripped() {
     let mut first = consumer(&[record(1, 0, 0, Some(1))]);
     first.advance(10);
     assert_eq!(first.trip(1, A, 10), Tripped::ToFallback);
-    let mut other = Consumer::new();
+    let mut other = Consumer::new(REJECTED_AFTER_TRIP_NS);
     other.restore(&first.memory());
     assert_eq!(other, first);
     assert_eq!(other.decide(10, true, true), Source::Fallback);

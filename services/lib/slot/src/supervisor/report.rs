@@ -132,7 +132,7 @@ impl core::fmt::Display for Step {
             Self::Forced(seat, refusal) => write!(f, "{seat} is let through by force: {refusal}"),
             Self::WithoutFallback(seat) => write!(
                 f,
-                "{seat} will have no fallback after its window (monitor.fallback): if it trips, the vehicle is levelled and the initial controller is started in its place"
+                "{seat} will have no fallback after its window (monitor.fallback): if it trips, the vehicle is held without it and the initial controller is started in its place"
             ),
             Self::Rehearses(seat, false) => write!(f, "{seat} is flown ahead"),
             Self::Rehearses(seat, true) => {

@@ -62,8 +62,14 @@ fn a_set_point_that_is_not_finite_is_its_writers_silence() {
             setpoints.offer(AttitudeSetpoint { header, roll_rad, ..Default::default() });
         }
         setpoints.accept(now_ns, None);
-        slot.take(now_ns, &records, &setpoints, &Input::default(), &Input::default())
-            .map(|command| command.sequence)
+        slot.take(
+            now_ns,
+            &records,
+            &setpoints,
+            &Input::default(),
+            (&Input::default(), &Input::default()),
+        )
+        .map(|command| command.sequence)
     };
     assert_eq!(take(5, Some(0.1)), Some(6));
     assert_eq!(take(15, Some(f64::NAN)), Some(6), "two periods are not over");
@@ -75,13 +81,19 @@ fn a_set_point_that_is_not_finite_is_its_writers_silence() {
 #[test]
 fn the_last_set_point_fades_when_its_end_is_two_periods_past() {
     let (mut records, mut setpoints) = (Input::default(), Input::default());
-    let mut estimates = Input::default();
+    let (mut estimates, mut references) = (Input::default(), Input::default());
     records.offer(OwnerRecord { epoch: 1, period_ns: [20 * MS, 0, 0, 0], ..Default::default() });
     records.accept(0, None);
-    estimates.offer(StateEstimate { velocity_w_m_s: [0.0, 1.0, 0.0], ..Default::default() });
+    // To the left of a reference that rests at the origin and looks to the north: what stands in tilts by 0.1 rad.
+    let left_m = 0.981 / (2.2 * 5.5);
+    estimates.offer(StateEstimate { position_w_m: [0.0, left_m, 0.0], ..Default::default() });
     estimates.accept(0, None);
+    let mut reference = Reference { count: 1, ..Reference::default() };
+    reference.points[0].yaw_rad = 1.5;
+    references.offer(reference);
+    references.accept(0, None);
     let mut slot = SetpointSlot::new(2.0);
-    let mut taken = Vec::new();
+    let (mut taken, mut headings) = (Vec::new(), Vec::new());
     for now_ms in (0..=3200).step_by(10) {
         if [0, 3200].contains(&now_ms) {
             let valid_ns = now_ms * MS;
@@ -90,8 +102,10 @@ fn the_last_set_point_fades_when_its_end_is_two_periods_past() {
         }
         setpoints.accept(now_ms * MS, None);
         let none = Input::default();
-        let command = slot.take(now_ms * MS, &records, &setpoints, &none, &estimates);
+        let command =
+            slot.take(now_ms * MS, &records, &setpoints, &none, (&estimates, &references));
         taken.push(command.map(|command| (command.sequence, command.value[1])));
+        headings.extend(command.map(|command| command.value[3]));
         if now_ms == 500 {
             let memory = slot.memory();
             slot = SetpointSlot::new(2.0);
@@ -107,10 +121,15 @@ fn the_last_set_point_fades_when_its_end_is_two_periods_past() {
     assert!((roll_rad[50] - 0.1 - 0.073_576).abs() < 1e-3, "{}", roll_rad[50]);
     assert!((roll_rad[311] - 0.1).abs() < 1e-3, "{}", roll_rad[311]);
     assert_eq!(taken[320], Some((3201, 0.3)));
+    assert_eq!(
+        (headings[0], headings[10]),
+        (0.0, 1.5),
+        "the reference's, once the set point fades"
+    );
 }
 
 #[test]
-fn after_a_trip_it_is_level_until_the_fallback_has_seen_that_for_two_periods() {
+fn after_a_trip_the_backup_law_flies_until_the_fallback_has_seen_it_for_two_periods() {
     let (mut records, mut setpoints) = (Input::default(), Input::default());
     let mut trips = Input::default();
     records.offer(OwnerRecord {
@@ -142,7 +161,7 @@ fn after_a_trip_it_is_level_until_the_fallback_has_seen_that_for_two_periods() {
         setpoints.accept(now_ns, None);
         trips.accept(now_ns, None);
         let command = slot
-            .take(now_ns, &records, &setpoints, &trips, &Input::default())
+            .take(now_ns, &records, &setpoints, &trips, (&Input::default(), &Input::default()))
             .expect("a set point");
         let is_reported = slot.applied().tripped.is_set();
         taken.push((command.sequence, command.value[1], is_reported));
@@ -188,9 +207,10 @@ fn a_tripped_owners_set_point_is_not_carried_over_to_the_next_owner() {
         records.accept(now_ns, None);
         setpoints.accept(now_ns, None);
         trips.accept(now_ns, None);
-        let command = slot.take(now_ns, &records, &setpoints, &trips, &Input::default());
+        let command =
+            slot.take(now_ns, &records, &setpoints, &trips, (&Input::default(), &Input::default()));
         taken.push(command.map(|command| command.value[1]));
     }
-    // The owner of the second record has published nothing yet: the last one stays, and that is level.
+    // The owner of the second record has published nothing yet: the last one stays, level without an estimate.
     assert_eq!(taken, [Some(0.3), Some(0.0), None, None]);
 }

@@ -4,7 +4,7 @@ use shared_types::Role;
 use shared_types::wire::Value;
 use slot::{
     Action, Clock, Command, CommandBuffer, CommandBufferMemory, Consumer, Event, Instance, Now,
-    Program, Record, SEATS, Seat, SlotConfig, SlotMachine, Source,
+    Program, REJECTED_AFTER_TRIP_NS, Record, SEATS, Seat, SlotConfig, SlotMachine, Source,
 };
 
 /// If it has not come to rest by then, it never will.
@@ -178,7 +178,7 @@ impl World {
             budget,
             flaw: None,
             slot: Some(SlotMachine::new(config, Seat::ALL[0], OWNER)),
-            consumer: Consumer::new(),
+            consumer: Consumer::new(REJECTED_AFTER_TRIP_NS),
             commands: Commands(CommandBuffer::new()),
             processes: [Process::Gone; SEATS],
             records: Vec::new(),

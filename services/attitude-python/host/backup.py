@@ -1,0 +1,57 @@
+"""The position law of an attitude loop whose set points have ended: it follows the reference.
+
+Proportional in position and velocity, beside the reference's acceleration. It has no integral and knows neither wind nor
+drag; what the last set point asked for beyond it is what holds against them, and fades.
+"""
+
+import math
+
+from .reference import motion_at
+
+# Velocity per position error [1/s], and the largest one that it asks for [m/s].
+POSITION_GAIN_S, SPEED_MAX_M_S = 2.2, 1.0
+# Acceleration per velocity error [1/s].
+VELOCITY_GAIN_S = 5.5
+# Largest tilt [rad], and largest share of the weight by which the thrust differs from it.
+TILT_MAX_RAD, LIFT_MAX = 0.35, 0.5
+GRAVITY_M_S2 = 9.81
+
+
+def backup_of(t_ns, weight_n, yaw_rad, estimate, reference):
+    """What is followed without a set point: thrust [N], roll, pitch and yaw [rad] that keep the vehicle on the reference,
+    or bring it to rest without one. Without a finite estimate that is level, and carries the weight."""
+    motion = None if reference is None else motion_at(reference, t_ns)
+    if motion and not all(map(math.isfinite, (*motion[0], *motion[1], *motion[2], motion[3]))):
+        motion = None
+    wanted = None if estimate is None else in_heading(estimate.q_wb, acceleration_of(estimate, motion))
+    ahead, left, up = (part / GRAVITY_M_S2 for part in wanted or (0.0, 0.0, 0.0))
+    roll_rad, pitch_rad = -bounded(left, TILT_MAX_RAD), bounded(ahead, TILT_MAX_RAD)
+    lift = 1.0 + bounded(up, LIFT_MAX)
+    by_tilt = 1.0 + 0.5 * (roll_rad**2 + pitch_rad**2)
+    return (weight_n * lift * by_tilt, roll_rad, pitch_rad, motion[3] if motion else yaw_rad)
+
+
+def acceleration_of(estimate, motion):
+    """Acceleration in W towards a motion, or to rest without one [m/s^2]."""
+    speeds_m_s = estimate.velocity_w_m_s
+    if motion is None:
+        return tuple(-VELOCITY_GAIN_S * speed for speed in speeds_m_s)
+    position, velocity, ahead, *_ = motion
+    return tuple(
+        a + VELOCITY_GAIN_S * (v + bounded(POSITION_GAIN_S * (p - is_), SPEED_MAX_M_S) - speed)
+        for p, v, a, is_, speed in zip(position, velocity, ahead, estimate.position_w_m, speeds_m_s)
+    )
+
+
+def bounded(value, most):
+    """A value within plus and minus `most`."""
+    return min(max(value, -most), most)
+
+
+def in_heading(q, vector):
+    """A vector of W as its parts ahead and to the left of the vehicle's heading, and up; None if one is not finite."""
+    east, north, up = vector
+    cosine, sine = 1.0 - 2.0 * (q.y**2 + q.z**2), 2.0 * (q.x * q.y + q.w * q.z)
+    length = math.hypot(cosine, sine) or math.nan
+    ahead, left = (cosine * east + sine * north) / length, (cosine * north - sine * east) / length
+    return (ahead, left, up) if all(map(math.isfinite, (ahead, left, up))) else None
