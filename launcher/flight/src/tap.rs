@@ -173,7 +173,8 @@ impl Tap {
             let SeatTap { seat, states, last_state: last, .. } = tap;
             let sinks = &mut self.sinks;
             while states.receive(|header, bytes| {
-                let place = |header: &Header| (header.release_ns, header.sequence);
+                // A successor goes on from any instant, wherever its predecessor said it was.
+                let place = |h: &Header| (h.generation, h.release_ns, h.sequence);
                 let is_new = place(header) > place(&last.header);
                 if !is_new || !StateHeader::agrees_with(bytes, header) {
                     return;

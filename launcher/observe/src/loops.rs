@@ -65,14 +65,14 @@ impl LoopLedger {
     #[must_use]
     pub fn missed(&self, role: Role) -> u64 {
         let seats = self.seats().into_iter().filter(|stats| stats.role == role);
-        seats.map(|stats| missed(&stats)).sum()
+        seats.fold(0, |all, stats| all.saturating_add(missed(&stats)))
     }
 }
 
 /// Releases that a loop left out, and steps that it made without its inputs.
 #[must_use]
 pub fn missed(stats: &LoopStats) -> u64 {
-    stats.skipped + stats.input_deadline_misses
+    stats.skipped.saturating_add(stats.input_deadline_misses)
 }
 
 /// What all loops together counted.
@@ -93,10 +93,10 @@ impl Totals {
     #[must_use]
     pub fn of(loops: &[LoopStats]) -> Self {
         loops.iter().fold(Self::default(), |all, stats| Self {
-            missed: all.missed + missed(stats),
-            late: all.late + stats.late_samples,
-            unseen: all.unseen + stats.lost_samples,
-            restarts: all.restarts + stats.generation,
+            missed: all.missed.saturating_add(missed(stats)),
+            late: all.late.saturating_add(stats.late_samples),
+            unseen: all.unseen.saturating_add(stats.lost_samples),
+            restarts: all.restarts.saturating_add(stats.generation),
         })
     }
 }
@@ -114,19 +114,25 @@ pub fn seat_name(stats: &LoopStats) -> String {
 /// Totals of `past` tenants of a seat and of the one after them.
 fn sum(past: &LoopStats, next: &LoopStats) -> LoopStats {
     LoopStats {
-        steps: past.steps + next.steps,
-        skipped: past.skipped + next.skipped,
-        caught_up: past.caught_up + next.caught_up,
-        input_deadline_misses: past.input_deadline_misses + next.input_deadline_misses,
-        late_samples: past.late_samples + next.late_samples,
-        lost_samples: past.lost_samples + next.lost_samples,
-        rescued_waits: past.rescued_waits + next.rescued_waits,
-        allocations: past.allocations + next.allocations,
-        transport_allocations: past.transport_allocations + next.transport_allocations,
-        minor_faults: past.minor_faults + next.minor_faults,
-        major_faults: past.major_faults + next.major_faults,
-        allocations_at_changes: past.allocations_at_changes + next.allocations_at_changes,
-        faults_at_changes: past.faults_at_changes + next.faults_at_changes,
+        steps: past.steps.saturating_add(next.steps),
+        skipped: past.skipped.saturating_add(next.skipped),
+        caught_up: past.caught_up.saturating_add(next.caught_up),
+        input_deadline_misses: past
+            .input_deadline_misses
+            .saturating_add(next.input_deadline_misses),
+        late_samples: past.late_samples.saturating_add(next.late_samples),
+        lost_samples: past.lost_samples.saturating_add(next.lost_samples),
+        rescued_waits: past.rescued_waits.saturating_add(next.rescued_waits),
+        allocations: past.allocations.saturating_add(next.allocations),
+        transport_allocations: past
+            .transport_allocations
+            .saturating_add(next.transport_allocations),
+        minor_faults: past.minor_faults.saturating_add(next.minor_faults),
+        major_faults: past.major_faults.saturating_add(next.major_faults),
+        allocations_at_changes: past
+            .allocations_at_changes
+            .saturating_add(next.allocations_at_changes),
+        faults_at_changes: past.faults_at_changes.saturating_add(next.faults_at_changes),
         generation: past.generation,
         // Which loop it is, and its last totals.
         ..*next
@@ -146,6 +152,18 @@ mod tests {
     fn seated(seat: u32, generation: u32, join_ns: u64) -> Seating {
         let (role, has_state) = (Role::Attitude, Flag::Yes);
         Seating { role, seat, generation, join_ns, has_state, ..Seating::default() }
+    }
+
+    #[test]
+    fn totals_end_at_the_largest_number() {
+        let mut ledger = LoopLedger::default();
+        for generation in [0, 1] {
+            let input_deadline_misses = u64::MAX;
+            ledger.observe(&LoopStats { input_deadline_misses, ..totals(0, generation, u64::MAX) });
+            ledger.seated(&seated(0, generation, 9));
+        }
+        assert_eq!(ledger.missed(Role::Attitude), u64::MAX);
+        assert_eq!(Totals::of(&ledger.seats()).missed, u64::MAX);
     }
 
     #[test]

@@ -143,7 +143,7 @@ impl MissLog {
             reported: None,
         };
         let misses = self.places.entry(place).or_insert(unseen);
-        misses.count += count;
+        misses.count = misses.count.saturating_add(count);
         misses.last_ns = at_ns;
         if late_ns > misses.worst_ns {
             (misses.worst_ns, misses.worst_at_ns) = (late_ns, at_ns);
@@ -239,6 +239,16 @@ mod tests {
         assert_eq!(log.places().count(), 0);
         log.observe(&lost, false);
         assert_eq!(log.places().count(), 1);
+    }
+
+    #[test]
+    fn counts_end_at_the_largest_number() {
+        let mut log = MissLog::default();
+        for at_ms in [500, 3700] {
+            log.observe(&deviation(DeviationKind::SkippedReleases, at_ms, 0, u64::MAX), false);
+        }
+        assert_eq!(log.places().map(|(_, misses)| misses.count).collect::<Vec<_>>(), [u64::MAX]);
+        assert_eq!(log.take_news().len(), 2);
     }
 
     #[test]

@@ -21,7 +21,7 @@ impl Upkeep {
     }
 
     fn sum(&self, of: impl Fn(&LoopStats) -> u64) -> u64 {
-        self.loops.iter().map(|(_, stats)| of(stats)).sum()
+        self.loops.iter().fold(0, |all: u64, (_, stats)| all.saturating_add(of(stats)))
     }
 
     /// Allocations of warm loops while no process came or left.

@@ -114,7 +114,7 @@ impl SequenceAudit {
     /// Samples under audit.
     #[must_use]
     pub fn samples(&self) -> u64 {
-        self.tallies().map(|(.., tally)| tally.count).sum()
+        self.tallies().fold(0, |all: u64, (.., tally)| all.saturating_add(tally.count))
     }
 
     /// Sequence numbers that never arrived: channel, and how many of all its seats.

@@ -1,9 +1,12 @@
 """One input of a loop: what has arrived, what is in effect, what is new."""
 
 import bisect
+import collections
 import struct
 import typing
 
+# Samples that may wait for their instant.
+CAPACITY = 1024
 # Of a header: sequence, valid_ns, seat and generation.
 HEADER = struct.Struct("<Q8xQ48xII")
 
@@ -57,6 +60,8 @@ class Input:
         elif self._known_until_ns is not None and sample.valid_ns <= self._known_until_ns:
             return
         pending, key = self._pending, sample[:3]
+        if len(pending) >= CAPACITY:
+            self._make_room()
         if not pending or pending[-1][:3] < key:
             pending.append(sample)
             return
@@ -65,6 +70,14 @@ class Input:
             pending[at] = sample
         else:
             pending.insert(at, sample)
+
+    def _make_room(self):
+        """Leaves out the oldest sample of the seat that has most of those that wait, so that no writer keeps another
+        one's out."""
+        waiting = collections.Counter(sample.seat for sample in self._pending)
+        most = max(waiting, key=waiting.get)
+        oldest = next(i for i, sample in enumerate(self._pending) if sample.seat == most)
+        del self._pending[oldest]
 
     def accept(self, t_ns, previous_ns):
         """Puts into effect what is due at `t_ns` and nothing later; what was due at the step before

@@ -17,7 +17,7 @@ import unittest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
 
 from host.graph import Edge, Graph, Rate  # noqa: E402
-from host.inputs import Input, Sample  # noqa: E402
+from host.inputs import CAPACITY, Input, Sample  # noqa: E402
 from host.launcher import Launcher, process_start  # noqa: E402
 from host.arbiter import Command, CommandArbiter, Limiter, Record, SetPoints  # noqa: E402
 from host.ownership import FOREVER, SeatMarks, SlotBook  # noqa: E402
@@ -293,6 +293,13 @@ class InputRules(unittest.TestCase):
             taken.accept(at_ms * MS, None)
         self.assertEqual(taken.lost, 1, "the one of 7 ms alone")
 
+    def test_a_seat_that_fills_the_queue_keeps_no_other_seats_samples_out(self):
+        taken = self.input(*(sample(10_000 + number, number, seat=1) for number in range(2 * CAPACITY)))
+        for number in range(1, 4):
+            taken.arrive(sample(10 * number, number))
+            self.assertEqual(self.fresh(taken, 10 * number), [(10 * number, 0, number)])
+            self.assertLessEqual(len(taken._pending), CAPACITY)
+
     def test_a_shadow_is_left_out(self):
         taken = self.input(sample(5, 1), sample(5, 1, seat=1), sample(15, 2, seat=1))
         taken.book = SlotBook()
@@ -399,7 +406,7 @@ class ArbiterRules(unittest.TestCase):
         self.at(arbiter, 0, 0)
         arbiter.trip(1, 0, 10 * MS)
         self.assertIsNone(self.at(arbiter, 10, 0), "the fallback has not spoken yet")
-        self.assertEqual(arbiter.level(2.0).value, (2.0, 0.0, 0.0, 0.0))
+        self.assertEqual(arbiter.forget_tripped(), 0.0, "its heading")
         arbiter.take_record(self.record(2, 20, 0, 1, watched=True))
         self.assertEqual(self.at(arbiter, 20, 0, 1), (1, 20), "the same two: the trip still counts")
         arbiter.take_record(self.record(3, 30, 0, 2, watched=True))
@@ -410,12 +417,12 @@ class ArbiterRules(unittest.TestCase):
         self.assertEqual(self.at(arbiter, 40, 0, 2), (2, 40), "a trip of before names the same two")
         arbiter = self.arbiter(self.record(1, 0, 0, 1, watched=True))
         self.at(arbiter, 0, 0, 1)
-        self.assertEqual(arbiter.levels_until_ns(), 0)
+        self.assertEqual(arbiter.backup_until_ns(), 0)
         arbiter.trip(1, 0, 10 * MS)
         period_ns = arbiter.record.periods_ns[1]
-        self.assertEqual(arbiter.levels_until_ns(), 10 * MS + 2 * period_ns)
+        self.assertEqual(arbiter.backup_until_ns(), 10 * MS + 2 * period_ns)
         self.assertEqual(self.at(arbiter, 50, 0, 1), (1, 50))
-        self.assertEqual(arbiter.levels_until_ns(), 0, "the fallback commands")
+        self.assertEqual(arbiter.backup_until_ns(), 0, "the fallback commands")
         arbiter = self.arbiter(self.record(1, 0, 0, 1, watched=True))
         self.at(arbiter, 0, 0)
         arbiter.trip(1, 0, 10 * MS)
@@ -424,10 +431,9 @@ class ArbiterRules(unittest.TestCase):
         self.assertIsNone(self.at(arbiter, 20), "what has tripped is not carried over")
         arbiter = self.arbiter(self.record(1, 0, 0, watched=True))
         self.assertEqual(self.at(arbiter, 0, 0), (0, 0))
-        self.assertIsNone(arbiter.level(2.0))
+        self.assertIsNone(arbiter.forget_tripped())
         arbiter.trip(1, 0, 10 * MS)
-        self.assertIsNone(self.at(arbiter, 1500, 0))
-        self.assertEqual(self.at(arbiter, 1510, 0), (0, 1510), "no other owner is there")
+        self.assertIsNone(self.at(arbiter, 5000, 0), "no other owner is there")
 
 
 class Setpoint(ctypes.Structure):
@@ -447,7 +453,7 @@ class SetPointRules(unittest.TestCase):
                 packed = bytes(Setpoint(1.0, roll_rad, 0.0, 0.0))
                 setpoints.arrive(Sample(t_ms * MS, 0, t_ms, 0, 0, packed))
             setpoints.accept(t_ms * MS, None)
-            command = slot.take(t_ms * MS, owners, setpoints, trips, None)
+            command = slot.take(t_ms * MS, owners, setpoints, trips, None, None)
             owners.fresh = []
             return command and command.sequence
 
@@ -457,26 +463,32 @@ class SetPointRules(unittest.TestCase):
         self.assertEqual(take(30, 0.1), 30)
 
 
-    def test_the_last_set_point_fades_and_the_vehicle_is_braked(self):
+    def test_the_last_set_point_fades_into_what_follows_the_reference(self):
         record = owner(1, 0, 0, periods_ms=(10, 0, 0, 0))
         record.kind_changed = record.watched = 0
         owners = types.SimpleNamespace(before=None, fresh=[0], value_of=lambda _: record)
         setpoints = Input(Setpoint, list, "position", True)
         slot, trips = SetPoints(1.0, 2), types.SimpleNamespace(before=None, fresh=[])
         north = types.SimpleNamespace(w=0.5**0.5, x=0.0, y=0.0, z=0.5**0.5)
-        east_m_s = types.SimpleNamespace(q_wb=north, velocity_w_m_s=(1.0, 0.0, 0.0))
+        still = (0.0, 0.0, 0.0)
+        here = types.SimpleNamespace(q_wb=north, position_w_m=still, velocity_w_m_s=still)
+        # To the west, which is to the left, where a tilt of 0.1 rad leads.
+        west_m = (-0.981 / (2.2 * 5.5), 0.0, 0.0)
+        point = types.SimpleNamespace(position_w_m=west_m, velocity_w_m_s=still, yaw_rad=1.5)
+        header = types.SimpleNamespace(valid_ns=0)
+        reference = types.SimpleNamespace(header=header, spacing_ns=MS, count=1, points=[point])
         taken = {}
         for t_ms in range(0, 5000, 10):
             if t_ms == 0:
                 setpoints.arrive(Sample(0, 0, 1, 0, 0, bytes(Setpoint(1.0, 0.3, 0.2, 3.0))))
             setpoints.accept(t_ms * MS, None)
-            command = slot.take(t_ms * MS, owners, setpoints, trips, east_m_s)
+            command = slot.take(t_ms * MS, owners, setpoints, trips, here, reference)
             owners.fresh = []
             taken[t_ms] = command and (command.sequence, *command.value)
         self.assertIsNone(taken[30], "held for four periods")
         self.assertAlmostEqual(taken[40][2], 0.3)
         self.assertAlmostEqual(taken[540][2], -0.1 + 0.4 * math.exp(-1.0), 2)
-        for is_, wanted in zip(taken[4990], (0, 1.005, -0.1, 0.0, 3.0)):
+        for is_, wanted in zip(taken[4990], (0, 1.005, -0.1, 0.0, 1.5)):
             self.assertAlmostEqual(is_, wanted, 4)
 
 

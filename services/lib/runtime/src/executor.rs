@@ -194,7 +194,10 @@ impl Executor {
     /// [`RestoreError`] if the state is not one of this build's.
     pub fn restore(&mut self, state: &[u8]) -> Result<(), RestoreError> {
         let header = self.component.parts().unpack(state)?;
-        self.go_to(header.release_index + 1);
+        let next_index = header.release_index.checked_add(1);
+        self.go_to(
+            next_index.ok_or_else(|| RestoreError::Refused("its release is the last".into()))?,
+        );
         self.component.parts().knows_until(header.release_ns);
         self.pending.resumed = Some(header.release_index);
         (self.in_flight, self.begins) = (true, true);
@@ -295,8 +298,8 @@ impl Executor {
     /// Brings the counts of what the inputs lacked up to date.
     fn count_samples(&mut self) {
         let inputs = self.component.counts();
-        self.counts.late_samples = self.before.0 + inputs.late;
-        self.counts.lost_samples = self.before.1 + inputs.lost;
+        self.counts.late_samples = self.before.0.saturating_add(inputs.late);
+        self.counts.lost_samples = self.before.1.saturating_add(inputs.lost);
     }
 
     /// Runs the next release: accept, step, publish outputs, then state and statistics.

@@ -74,7 +74,10 @@ pub struct InputCounts {
 impl core::ops::Add for InputCounts {
     type Output = Self;
     fn add(self, other: Self) -> Self {
-        Self { late: self.late + other.late, lost: self.lost + other.lost }
+        Self {
+            late: self.late.saturating_add(other.late),
+            lost: self.lost.saturating_add(other.lost),
+        }
     }
 }
 
@@ -240,11 +243,32 @@ impl<T: Sample> Input<T> {
             *same = arrived;
         } else if self.pending.len() < READER_CAPACITY {
             self.pending.insert(at, arrived);
-        } else if at > 0 {
-            // The newest matter to a loop; the gap before them is counted when they take effect.
-            self.pending.pop_front();
-            self.pending.insert(at - 1, arrived);
+        } else {
+            self.make_room_for(seat, at, arrived);
         }
+    }
+
+    /// Takes a sample in place of the oldest one of the seat that has most of those that wait, so that no writer keeps
+    /// another one's out. The newest matter to a loop; the gap before them is counted when they take effect.
+    fn make_room_for(&mut self, seat: usize, at: usize, arrived: Arrived<T>) {
+        let seat_of =
+            |waiting: &Arrived<T>| usize::try_from(waiting.sample.header().seat).unwrap_or(SEATS);
+        let mut waiting = [0_usize; SEATS];
+        for seat in self.pending.iter().map(seat_of) {
+            if let Some(count) = waiting.get_mut(seat) {
+                *count += 1;
+            }
+        }
+        let most = (0..SEATS).max_by_key(|seat| waiting[*seat]);
+        let Some(oldest) = self.pending.iter().position(|one| Some(seat_of(one)) == most) else {
+            return;
+        };
+        // Among its own, the oldest is the one to go.
+        if oldest >= at && most == Some(seat) {
+            return;
+        }
+        self.pending.remove(oldest);
+        self.pending.insert(at - usize::from(oldest < at), arrived);
     }
 
     /// Moves what is in effect at `t_ns` into `fresh` and `latest`; `previous_ns` is the instant of

@@ -8,7 +8,7 @@ use crate::output::Sink;
 use shared_types::wire::Wire;
 use shared_types::{
     ClockRecord, Edge as EdgeKind, NodeId, Progress, Registry, RegistryEntry, Role, Sample, Seat,
-    Topic,
+    Topic, topics,
 };
 use std::rc::Rc;
 
@@ -213,7 +213,12 @@ impl Bus {
         let factory = self.open_topic(topic)?;
         let mut source = self.with_room(|| IpcSource::with_capacity(&factory, capacity))?;
         let accepts = match (from, topic.info.edge) {
-            (Role::Supervisor, EdgeKind::RecordOnly) => Accepts::from_all(),
+            // What processes report of themselves; who takes a seat is the launcher's to say.
+            (Role::Supervisor, EdgeKind::RecordOnly)
+                if topic.info.name != topics::SEATING.info.name =>
+            {
+                Accepts::from_all()
+            }
             (Role::Supervisor, _) => Accepts::Launcher,
             _ => Accepts::from_role(from),
         };

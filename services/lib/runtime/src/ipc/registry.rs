@@ -5,10 +5,14 @@
 //! believed, and a stray writer is counted and named.
 
 use super::{Ipc, lead};
+use crate::deviations::{life_number, loop_number};
 use crate::input::Source;
+use core::any::Any;
 use core::cell::{Cell, RefCell};
 use iceoryx2::identifiers::UniqueNodeId;
-use shared_types::{Header, NodeId, Progress, Registry, RegistryEntry, Role, Sample, Seat};
+use shared_types::{
+    Deviation, Header, LoopStats, NodeId, Progress, Registry, RegistryEntry, Role, Sample, Seat,
+};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -94,7 +98,7 @@ impl Authority {
         let mut strays = self.strays.borrow_mut();
         let known = |s: &Stray| s.node == node && s.service == *service;
         if let Some(stray) = strays.iter_mut().find(|s| known(s)) {
-            stray.samples += 1;
+            stray.samples = stray.samples.saturating_add(1);
         } else if strays.len() < MAX_STRAYS {
             let pid = id.pid::<Ipc>().map_or(0, |pid| pid.value().cast_unsigned());
             strays.push(Stray { pid, service: Rc::clone(service), samples: 1, node });
@@ -185,14 +189,25 @@ impl<T: Sample> Accepts<T> {
         Self::Registered { seats: Some((role, None)), claims }
     }
 
-    /// Samples that every process writes about itself.
+    /// Samples that every process writes about itself: their seat is the number of a loop or of its life.
     pub(super) fn from_all() -> Self {
         let claims = |sample: &T, entry: &RegistryEntry| {
             let header = sample.header();
+            let own = Seat { role: entry.role, index: entry.seat };
+            let numbers = [loop_number(own), life_number(own, entry.generation)];
             header.generation == entry.generation
+                && numbers.contains(&header.seat)
+                && role_in(sample).is_none_or(|role| role == entry.role)
         };
         Self::Registered { seats: None, claims }
     }
+}
+
+/// The role that a sample about a loop names beside its seat.
+fn role_in<T: Sample>(sample: &T) -> Option<Role> {
+    let sample: &dyn Any = sample;
+    let deviation = || sample.downcast_ref::<Deviation>().map(|deviation| deviation.role);
+    sample.downcast_ref::<LoopStats>().map(|stats| stats.role).or_else(deviation)
 }
 
 impl Accepts<Progress> {

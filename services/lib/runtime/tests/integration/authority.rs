@@ -6,9 +6,10 @@ use runtime::ipc::{
     TopicFactory,
 };
 use runtime::namespace::Membership;
-use runtime::{Sink as _, Source as _};
+use runtime::{Sink as _, Source as _, life_number};
 use shared_types::{
-    ClockRecord, Flag, Header, PoseFix, Progress, Registry, RegistryEntry, Role, Seat, topics,
+    ClockRecord, Deviation, Flag, Header, LoopStats, PoseFix, Progress, Registry, RegistryEntry,
+    Role, Seat, Seating, topics,
 };
 
 /// A run with a launcher, a plant that is in the registry as its third process, and a stranger.
@@ -103,6 +104,44 @@ fn only_registered_writers_are_read_and_strays_are_counted_with_their_process() 
     assert_eq!(received(), [2, 6], "neither a stranger nor a forged seat or generation");
     let expected = [3, 1].map(|samples| ("pose_fix".to_owned(), samples));
     assert_eq!(run.strays(), expected);
+}
+
+#[test]
+fn what_a_process_reports_of_another_loop_is_ignored_and_only_a_launcher_seats() {
+    let mut run = Run::found("reports");
+    run.enter_plant();
+    let _stats = run.launcher.create_topic(&topics::LOOP_STATS).unwrap();
+    let _deviations = run.launcher.create_topic(&topics::DEVIATION).unwrap();
+    let _seatings = run.launcher.create_topic(&topics::SEATING).unwrap();
+    let mut stats = run.launcher.reader(&topics::LOOP_STATS, Role::Supervisor).unwrap();
+    let mut deviations = run.launcher.reader(&topics::DEVIATION, Role::Supervisor).unwrap();
+    let mut seatings = run.launcher.reader(&topics::SEATING, Role::Supervisor).unwrap();
+    let mut send_stats = run.plant.writer(&topics::LOOP_STATS).unwrap();
+    let mut send_deviation = run.plant.writer(&topics::DEVIATION).unwrap();
+    let mut send_seating = run.plant.writer(&topics::SEATING).unwrap();
+    let (own, other) = (Role::Plant, Role::Attitude);
+    let header = |number: u32, sequence| Header {
+        seat: number,
+        sequence,
+        generation: GENERATION,
+        ..Header::default()
+    };
+    for (sequence, number, role) in [(1, own.0, own), (2, own.0, other), (3, other.0, own)] {
+        let header = header(number, sequence);
+        send_stats.send(&LoopStats { header, role, ..LoopStats::default() });
+    }
+    let life = life_number(PLANT, GENERATION);
+    let other_life = life_number(Seat::first(other), GENERATION);
+    for (sequence, number, role) in [(1, life, own), (2, life, other), (3, other_life, own)] {
+        let header = header(number, sequence);
+        send_deviation.send(&Deviation { header, role, ..Deviation::default() });
+    }
+    send_seating.send(&Seating { header: header(life, 1), ..Seating::default() });
+    let sequences = core::iter::from_fn(|| stats.receive()).map(|one| one.header.sequence);
+    assert_eq!(sequences.collect::<Vec<_>>(), [1]);
+    let sequences = core::iter::from_fn(|| deviations.receive()).map(|one| one.header.sequence);
+    assert_eq!(sequences.collect::<Vec<_>>(), [1]);
+    assert!(seatings.receive().is_none());
 }
 
 #[test]

@@ -168,6 +168,23 @@ fn a_full_reader_keeps_the_newest_and_counts_what_it_dropped_once() {
 }
 
 #[test]
+fn a_seat_that_fills_the_queue_keeps_no_other_seats_samples_out() {
+    let (mut input, queue) = input(false);
+    for sequence in 1..=2 * READER_CAPACITY as u64 {
+        queue.push(u64::MAX - sequence, 1, sequence);
+    }
+    input.receive();
+    for sequence in 1..=5 {
+        queue.push(10 * sequence, 0, sequence);
+        input.receive();
+        input.accept(10 * sequence, Some(10 * sequence - 10));
+        assert_eq!(fresh(&input), [(10 * sequence, 0, sequence)]);
+        assert!(input.waiting() <= READER_CAPACITY);
+    }
+    assert_eq!(input.counts(), InputCounts::default());
+}
+
+#[test]
 fn a_link_is_silent_then_fresh_then_stale() {
     let (mut input, queue) = input(false);
     assert!(matches!(input.link(0, 10), Link::Silent));

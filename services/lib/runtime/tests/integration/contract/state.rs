@@ -256,6 +256,17 @@ fn a_component_may_refuse_a_memory_and_gives_the_reason() {
 }
 
 #[test]
+fn a_state_of_the_last_release_there_is_is_refused() {
+    let mut bench = Bench::new(1000.0, 1);
+    bench.step();
+    let mut state = bench.state();
+    // The index follows the hash of the layout.
+    state[8..16].copy_from_slice(&u64::MAX.to_le_bytes());
+    let error = Bench::new(1000.0, 1).executor.restore(&state).unwrap_err();
+    assert!(matches!(error, RestoreError::Refused(_)), "{error}");
+}
+
+#[test]
 fn a_memory_that_is_not_finite_is_not_published() {
     let mut bench = Bench::infinite_from(5_000_000, 1000.0, 1);
     (0..5).for_each(|_| bench.step());
