@@ -83,9 +83,10 @@ const FLIGHTS: [Flight; 9] = [
         "steps without a solved optimum 99.6 % of position, limit 5 %",
     ),
     (
-        "blind",
-        "[estimator]\nrate_hz = 1\n\
-         [[disturbance_injector.script]]\nkind = \"wind\"\nmean_w_m_s = [5.0, 0.0, 0.0]\n",
+        // Half the weight to the side, which no tilt within the bound holds.
+        "pushed",
+        "[[disturbance_injector.script]]\nkind = \"constant\"\n\
+         load = { force_w_n = [0.6, 0.0, 0.0] }\n",
         1,
         "LOST",
         "mean distance off its path in the last second ",

@@ -117,6 +117,42 @@ impl<'s> Checker<'s> {
         }
     }
 
+    /// A loop flies no estimate that is older than two of its periods, the attitude loop none that is older than 20 ms, too.
+    fn estimates(&mut self) {
+        let settings = self.settings();
+        let (imu_hz, estimator_hz) =
+            (f64::from(settings.plant.imu.rate_hz), settings.estimator.rate_hz);
+        let [attitude_hz, position_hz] =
+            [Slot::Attitude, Slot::Position].map(|slot| self.scenario.slot_rate_hz(slot));
+        if imu_hz < attitude_hz {
+            let what = format!(
+                "{imu_hz} samples per second are too few for the attitude loop, which goes by {attitude_hz} estimates per second"
+            );
+            let remedy = format!(
+                "raise it to {:.0} or more, or lower the rate of the attitude loop",
+                attitude_hz.ceil()
+            );
+            self.error("plant.imu.rate_hz", what, remedy);
+        }
+        for (key, rate_hz, of, least_hz) in [
+            ("estimator.rate_hz", estimator_hz, "attitude", (0.5 * attitude_hz).min(50.0)),
+            ("estimator.rate_hz", estimator_hz, "position", 0.5 * position_hz),
+            ("plant.imu.rate_hz", imu_hz, "position", 0.5 * position_hz),
+        ] {
+            if rate_hz < least_hz {
+                let what = format!(
+                    "with {rate_hz} per second the {of} loop has no estimate at many of its steps that is new enough to be flown, at most {:.0} ms old",
+                    1e3 / least_hz
+                );
+                let remedy = format!(
+                    "raise it to {:.0} or more, or lower the rate of that loop",
+                    least_hz.ceil()
+                );
+                self.error(key, what, remedy);
+            }
+        }
+    }
+
     fn estimator(&mut self) {
         if let Err(error) = self.scenario.filter() {
             let key = "estimator.fix_latency_s";
@@ -131,18 +167,7 @@ impl<'s> Checker<'s> {
             let remedy = "raise estimator.fix_latency_s to at least this";
             self.error("plant.pose_fix.latency_s", what, remedy);
         }
-        let attitude_hz = self.scenario.slot_rate_hz(Slot::Attitude);
-        if f64::from(plant.imu.rate_hz) < attitude_hz {
-            let what = format!(
-                "{} samples per second are too few for the attitude loop, which goes by {attitude_hz} estimates per second",
-                plant.imu.rate_hz
-            );
-            let remedy = format!(
-                "raise it to {:.0} or more, or lower the rate of the attitude loop",
-                attitude_hz.ceil()
-            );
-            self.error("plant.imu.rate_hz", what, remedy);
-        }
+        self.estimates();
         if f64::from(plant.imu.rate_hz) > plant.rate_hz {
             let what = format!("the plant steps at {} Hz only", plant.rate_hz);
             self.warn("plant.imu.rate_hz", what, "raise plant.rate_hz or lower this rate");
