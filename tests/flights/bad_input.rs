@@ -214,7 +214,7 @@ fn too_few_processes_are_refused_at_once_with_the_number_that_is_needed() {
     let output = limited.current_dir("/").output().expect("util-linux");
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(UNFIT), "{stderr}");
-    assert!(stderr.contains("may have 40 processes and threads"), "{stderr}");
+    assert!(stderr.contains("of at most 40 processes and threads"), "{stderr}");
     assert!(stderr.contains("need 48 more: `ulimit -u "), "{stderr}");
 }
 

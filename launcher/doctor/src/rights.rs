@@ -2,9 +2,9 @@
 
 use super::Finding;
 use host::realtime::may_lock_memory;
+use host::tasks::Tasks;
 use runtime::priority::Schedule;
 use rustix::process::{PidfdFlags, Resource, getpid, getrlimit, pidfd_open};
-use scenario::needs::Tasks;
 use scenario::{Scenario, needs};
 use shared_types::Role;
 
@@ -77,19 +77,14 @@ fn open_files() -> Finding {
 
 fn processes() -> Finding {
     let name = "processes";
-    let Some(tasks) = Tasks::of_user() else {
+    let Some(tasks) = Tasks::here() else {
         return Finding::ok(name, "as many as a flight needs");
     };
-    let Tasks { used, limit } = tasks;
-    let found = format!("{used} of at most {limit}");
-    if tasks.suffice() {
+    let found = tasks.to_string();
+    if tasks.left() >= needs::TASKS {
         return Finding::ok(name, found);
     }
-    let remedy = format!(
-        "`ulimit -u {}`, or raise nproc in /etc/security/limits.conf: a flight needs {} more",
-        used + needs::TASKS,
-        needs::TASKS
-    );
+    let remedy = format!("{}: a flight needs {} more", tasks.remedy(needs::TASKS), needs::TASKS);
     Finding::fail(name, found, remedy)
 }
 

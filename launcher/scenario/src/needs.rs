@@ -3,9 +3,6 @@
 use super::settings::{Clock, Settings};
 pub use host::memory::Available;
 use runtime::namespace::BASE;
-use rustix::process::{Resource, geteuid, getrlimit};
-use std::fs;
-use std::os::unix::fs::MetadataExt as _;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -38,39 +35,6 @@ pub const DESCRIPTORS: u64 = 768;
 /// Processes and threads that a flight may have at once, each of which counts: 24 were counted, and 31 with a
 /// candidate in a slot and its rehearsal.
 pub const TASKS: u64 = 48;
-
-/// Processes and threads of a user whose number is limited.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Tasks {
-    /// Those that are there.
-    pub used: u64,
-    /// As many as may be.
-    pub limit: u64,
-}
-
-impl Tasks {
-    /// Of this process's user; none where nothing limits them.
-    #[must_use]
-    pub fn of_user() -> Option<Self> {
-        // The limit does not apply to root, whatever its value.
-        let limit = getrlimit(Resource::Nproc).current.filter(|_| !geteuid().is_root())?;
-        let own = geteuid().as_raw();
-        let processes = fs::read_dir("/proc").ok()?.flatten();
-        let processes = processes.filter(|entry| {
-            entry.file_name().to_string_lossy().parse::<u32>().is_ok()
-                && entry.metadata().is_ok_and(|found| found.uid() == own)
-        });
-        let threads = processes
-            .map(|entry| fs::read_dir(entry.path().join("task")).map_or(0, Iterator::count));
-        Some(Self { used: threads.sum::<usize>() as u64, limit })
-    }
-
-    /// True if a flight has room beside those that are there.
-    #[must_use]
-    pub fn suffice(&self) -> bool {
-        self.limit.saturating_sub(self.used) >= TASKS
-    }
-}
 
 /// Memory that a flight, or a process that joins one, may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

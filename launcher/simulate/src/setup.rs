@@ -1,13 +1,14 @@
 //! What a flight needs before it starts: options, facts, folder, processor, room in memory.
 
 use crate::in_process::InProcessError;
+use host::tasks::Tasks;
 use record::{Clock, Facts, Machine, RecordError};
 use runtime::clock::mono_now_ns;
 use runtime::ipc::PortError;
 use runtime::leader::LeadError;
 use runtime::namespace::NamespaceError;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-use scenario::needs::{Shortage, Tasks};
+use scenario::needs::Shortage;
 pub use scenario::settings::Speed;
 use scenario::{Scenario, needs};
 use shared_types::ClockMode;
@@ -95,15 +96,10 @@ pub enum RunError {
     )]
     ForeignProc,
     /// Too few processes and threads.
-    #[error(
-        "this user may have {limit} processes and threads, has {used}, and a flight may need {needed} more: `ulimit -u {enough}`, or raise nproc in /etc/security/limits.conf",
-        enough = used + needed
-    )]
+    #[error("{tasks}, and a flight may need {needed} more: {}", tasks.remedy(*needed))]
     Tasks {
-        /// As many as the user may have.
-        limit: u64,
-        /// As many as there are.
-        used: u64,
+        /// Those that are there, and as many as may be.
+        tasks: Tasks,
         /// As many as a flight may add.
         needed: u64,
     },
@@ -187,13 +183,13 @@ pub fn require_own_proc() -> Result<(), RunError> {
     if is_own { Ok(()) } else { Err(RunError::ForeignProc) }
 }
 
-/// Refuses to fly where the user may not have as many processes and threads as a flight.
+/// Refuses to fly where there may not be as many processes and threads as a flight has.
 ///
 /// # Errors
 /// [`RunError::Tasks`].
 pub fn require_tasks() -> Result<(), RunError> {
-    match Tasks::of_user().filter(|tasks| !tasks.suffice()) {
-        Some(Tasks { used, limit }) => Err(RunError::Tasks { limit, used, needed: needs::TASKS }),
+    match Tasks::here().filter(|tasks| tasks.left() < needs::TASKS) {
+        Some(tasks) => Err(RunError::Tasks { tasks, needed: needs::TASKS }),
         None => Ok(()),
     }
 }

@@ -32,6 +32,7 @@
 
 mod arguments;
 mod config;
+mod control_group;
 mod controller;
 mod error;
 pub mod exit;
@@ -41,6 +42,7 @@ mod layout;
 pub mod memory;
 pub mod realtime;
 mod staying;
+pub mod tasks;
 mod thread;
 
 pub use arguments::PlaceArguments;

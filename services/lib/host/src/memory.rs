@@ -4,6 +4,7 @@
 //! for it. A page that a group may not have ends one of its processes, whichever the kernel
 //! chooses.
 
+use crate::control_group::{Group, groups_of, number_in};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -42,65 +43,27 @@ fn field(text: &str, name: &str) -> Option<u64> {
     values?.split_whitespace().next()?.parse().ok()
 }
 
-/// How one of the two versions of control groups reports memory.
-struct Version {
-    /// Where its hierarchy may be mounted.
-    mounts: &'static [&'static str],
-    limit: &'static str,
-    used: &'static str,
-    /// Before the names in `memory.stat` that count the groups below too.
-    prefix: &'static str,
-}
-
-const V1: Version = Version {
-    mounts: &["sys/fs/cgroup/memory"],
-    limit: "memory.limit_in_bytes",
-    used: "memory.usage_in_bytes",
-    prefix: "total_",
-};
-
-const V2: Version = Version {
-    mounts: &["sys/fs/cgroup", "sys/fs/cgroup/unified"],
-    limit: "memory.max",
-    used: "memory.current",
-    prefix: "",
-};
-
 /// What is left to each group with a limit that the process is in.
 fn groups(root: &Path) -> impl Iterator<Item = Available> {
-    let text = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
-    let mut found = Vec::new();
-    for line in text.lines() {
-        let mut parts = line.splitn(3, ':').skip(1);
-        let (Some(controllers), Some(group)) = (parts.next(), parts.next()) else { continue };
-        let version = match controllers {
-            "" => &V2,
-            listed if listed.split(',').any(|one| one == "memory") => &V1,
-            _ => continue,
-        };
-        let group = Path::new(group.trim_start_matches('/'));
-        for mount in version.mounts {
-            // In a container the path may be that of the host, which is not there; its own group is the mount then.
-            let folders = group.ancestors().map(|above| root.join(mount).join(above));
-            found.extend(folders.filter_map(|folder| version.left(&folder)));
-        }
-    }
-    found.into_iter()
+    groups_of(root, "memory").into_iter().filter_map(|group| left_to(&group))
 }
 
-impl Version {
-    /// What is left to the group in `folder`; none without a limit.
-    fn left(&self, folder: &Path) -> Option<Available> {
-        let by = folder.join(self.limit);
-        let number = |path: &Path| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
-        let (limit, used) = (number(&by)?, number(&folder.join(self.used))?);
-        let stat = fs::read_to_string(folder.join("memory.stat")).unwrap_or_default();
-        let pages = |name: &str| field(&stat, &format!("{}{name} ", self.prefix)).unwrap_or(0);
-        // Files that the kernel keeps as long as there is room are given back first; shared memory is not among them.
-        let kept = pages("active_file") + pages("inactive_file");
-        let left = limit.saturating_sub(used.saturating_sub(kept));
-        Some(Available { mb: left >> 20, by })
-    }
+/// What is left to a group; none without a limit.
+fn left_to(Group { folder, is_unified }: &Group) -> Option<Available> {
+    // Files of the limit and of what is used, and what stands before the names that count the groups below too.
+    let (limit, used, prefix) = if *is_unified {
+        ("memory.max", "memory.current", "")
+    } else {
+        ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_")
+    };
+    let by = folder.join(limit);
+    let (limit, used) = (number_in(&by)?, number_in(&folder.join(used))?);
+    let stat = fs::read_to_string(folder.join("memory.stat")).unwrap_or_default();
+    let pages = |name: &str| field(&stat, &format!("{prefix}{name} ")).unwrap_or(0);
+    // Files that the kernel keeps as long as there is room are given back first; shared memory is not among them.
+    let kept = pages("active_file") + pages("inactive_file");
+    let left = limit.saturating_sub(used.saturating_sub(kept));
+    Some(Available { mb: left >> 20, by })
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use rustix::thread::{
     set_current_timer_slack,
 };
 use serde::{Deserialize, Serialize};
+use std::fs;
 use thiserror::Error;
 
 /// Stack that a step may use \[bytes\]; touched before the flight.
@@ -140,7 +141,14 @@ pub fn allowed_processors() -> Vec<usize> {
 pub fn may_lock_memory() -> bool {
     let capable =
         capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
-    capable || getrlimit(Resource::Memlock).current.is_none()
+    (capable && has_initial_users()) || getrlimit(Resource::Memlock).current.is_none()
+}
+
+/// True unless this process is in a namespace of users of its own, as in a container without root: what it may do there
+/// counts for nothing where the kernel asks what it may do on the machine.
+pub(crate) fn has_initial_users() -> bool {
+    fs::read_to_string("/proc/self/uid_map")
+        .is_ok_and(|map| map.split_whitespace().eq(["0", "0", "4294967295"]))
 }
 
 fn stay_on_any(cpus: &[usize]) -> bool {
