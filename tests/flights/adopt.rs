@@ -428,6 +428,17 @@ fn without_a_launcher_an_order_is_flown_and_without_a_pilot_too_the_vehicle_land
     assert_nothing_left(&run);
 }
 
+/// A run is not taken over by a launcher that another program starts like this; it flies on.
+fn assert_refused_under(program: &str, run: &str, why: &str) {
+    let mut words = program.split(' ');
+    let mut command = Command::new(words.next().expect("a program"));
+    command.args(words).args([env!("CARGO_BIN_EXE_morphquad"), "adopt", run]);
+    let output = command.output().expect("util-linux");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{program}: {stderr}");
+    assert!(stderr.contains(why), "{program}: {stderr}");
+}
+
 #[test]
 fn a_run_that_is_led_or_in_lockstep_is_not_adopted_and_of_two_launchers_one_wins() {
     let running = realtime(&["--for", "600s", "--set", "launcher.launcher_grace_s=600"]);
@@ -446,6 +457,12 @@ fn a_run_that_is_led_or_in_lockstep_is_not_adopted_and_of_two_launchers_one_wins
     assert_eq!(code, Some(3), "{output_text}");
     assert!(output_text.contains("Imu is laid out otherwise"), "{output_text}");
     fs::write(&notes, ours).expect("room");
+    assert_refused_under("prlimit --nofile=256:256", &run, "file descriptors");
+    if Command::new("unshare").args(["--pid", "true"]).status().is_ok_and(|s| s.success()) {
+        assert_refused_under("unshare --pid --fork", &run, "--mount-proc");
+        let elsewhere = "in the PID namespace in which it was started";
+        assert_refused_under("unshare --pid --fork --mount-proc", &run, elsewhere);
+    }
     let mut adopters = [Adopter::start(&run), Adopter::start(&run)];
     let mut lost = None;
     wait_until("one of them loses", || {
@@ -466,6 +483,7 @@ fn a_run_that_is_led_or_in_lockstep_is_not_adopted_and_of_two_launchers_one_wins
     assert_eq!((code, &summary["ended"]), (Some(130), &"interrupted".into()), "{summary} {stderr}");
     let rest = summary["recording"].as_str().expect("a recording");
     assert!(Recording::read(Path::new(rest)).count_messages_of_a_complete_file() > 100);
+    assert!(rest.ends_with("adopted-1.mcap"), "what was refused has left a recording: {rest}");
     assert_nothing_left(&run);
 
     let lockstep = Running::start_and_fly(&["hover", "--for", "60s", "--speed", "1"]);

@@ -15,7 +15,7 @@ use crate::common::time::{wait_for, wait_until};
 use crate::common::{Flown, distance, fly, morphquad, rounds};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rustix::process::Signal;
+use rustix::process::{Pid, Resource, Rlimit, Signal, getrlimit, prlimit};
 use serde_json::Value;
 use shared_types::GateMode;
 use std::fs;
@@ -201,6 +201,32 @@ fn a_candidate_is_not_killed_for_a_stopped_process_that_it_waits_for() {
     assert!(!flown.stderr.contains("held made no progress"), "{}", flown.output_text());
     assert_eq!(flown.summary()["swaps"][0]["done"], true, "{}", flown.output_text());
     assert_eq!(flown.hash(), undisturbed_hash(), "{}", flown.output_text());
+}
+
+/// As where other programs have all there is for a moment. In a slot another controller takes over instead.
+#[test]
+fn a_process_that_cannot_be_started_for_a_moment_is_started_once_it_can() {
+    let slowly = ["hover", "--clock", "realtime", "--speed", "0.1", "--for", "600s"];
+    let mut running = Running::start_and_fly(&slowly);
+    let launcher = i32::try_from(running.launcher_pid()).ok().and_then(Pid::from_raw);
+    let allow = |descriptors: u64| {
+        let maximum = getrlimit(Resource::Nofile).maximum;
+        let limit = Rlimit { current: Some(descriptors), maximum };
+        prlimit(launcher, Resource::Nofile, limit).expect("our own child")
+    };
+    let open = fs::read_dir(format!("/proc/{}/fd", running.launcher_pid())).expect("its files");
+    let before = allow(open.count() as u64).current.expect("a limit");
+    let killed = running.signal("estimator", Signal::KILL);
+    running.fly_on(0.2);
+    allow(before);
+    wait_until("it is there again", || {
+        running.process("estimator").is_some_and(|process| process.pid != killed)
+    });
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    let flown = running.wait();
+    assert_eq!(flown.code, Some(130), "{}", flown.output_text());
+    let said = "estimator cannot be started: Too many open files";
+    assert!(flown.stderr.contains(said), "{}", flown.output_text());
 }
 
 /// No other process can do its work, so that it is dealt with as if it had been stopped from outside.

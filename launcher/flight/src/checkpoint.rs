@@ -20,7 +20,7 @@ use thiserror::Error;
 /// Name of the file.
 const FILE: &str = "launcher.json";
 /// Raised when the file changes its shape.
-const FORMAT: u32 = 6;
+const FORMAT: u32 = 7;
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
@@ -46,13 +46,27 @@ pub(super) struct Of {
     pub(super) is_swept: bool,
     /// Unix time that stands for logical time 0 \[ns\].
     pub(super) epoch_unix_ns: u64,
+    /// In which its processes are numbered, see [`pid_namespace`].
+    pub(super) pid_namespace: Option<PathBuf>,
+}
+
+/// The PID namespace of this process, as the kernel names it; none where `/proc` is not there.
+pub(super) fn pid_namespace() -> Option<PathBuf> {
+    fs::read_link("/proc/self/ns/pid").ok()
 }
 
 impl Of {
     /// A flight that begins.
     pub(super) fn begun(run: &str, recording: Option<&Path>, epoch_unix_ns: u64) -> Self {
         let recording = recording.map(|path| path.canonicalize().unwrap_or(path.into()));
-        Self { run: run.to_owned(), recording, adoptions: 0, is_swept: true, epoch_unix_ns }
+        Self {
+            run: run.to_owned(),
+            recording,
+            adoptions: 0,
+            is_swept: true,
+            epoch_unix_ns,
+            pid_namespace: pid_namespace(),
+        }
     }
 }
 

@@ -47,6 +47,7 @@ use simulate::setup::{
     require_own_proc, require_processor, require_tasks, run_id, system,
 };
 use slot::supervisor::Now;
+use std::collections::VecDeque;
 use swap::services::{HeldServices, Wakers};
 use swap::{FlightError, Script, SlotContext, Slots};
 use timed::Timed;
@@ -207,6 +208,8 @@ struct Flight {
     clock_reader: LatestPort<ClockRecord>,
     progress: Option<indicatif::ProgressBar>,
     notices: Vec<String>,
+    /// What standard error has not taken yet.
+    unshown: VecDeque<String>,
 }
 
 impl Flight {

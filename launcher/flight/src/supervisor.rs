@@ -261,13 +261,29 @@ impl Supervisor {
         has_state: bool,
         now_ns: u64,
     ) -> Option<Result<(), FlightError>> {
-        let room = self.room_for_restart(index, now_ns)?;
-        let post = &mut self.posts[index];
-        post.restart_at_ns = None;
-        post.generation += 1;
-        // Without a state a process begins with the flight, or now if that is long ago.
-        let in_flight = has_state || !post.goes_on || self.wall.is_some();
-        Some(room.and_then(|()| start(post, &self.folder, in_flight)))
+        let started = self.no_room_for(&self.posts[index].spec.name).map_or(Ok(()), Err);
+        let started = started.and_then(|()| {
+            let post = &mut self.posts[index];
+            post.generation += 1;
+            // Without a state a process begins with the flight, or now if that is long ago.
+            let in_flight = has_state || !post.goes_on || self.wall.is_some();
+            let started = start(post, &self.folder, in_flight);
+            post.generation -= u32::from(started.is_err());
+            started
+        });
+        match started {
+            Err(error)
+                if matches!(error, FlightError::NoRoom { .. })
+                    || !self.posts[index].seat.role.is_slot() =>
+            {
+                self.put_off(index, error, now_ns)
+            }
+            started => {
+                self.posts[index].restart_at_ns = None;
+                self.awaits_room_ns = None;
+                Some(started)
+            }
+        }
     }
 
     /// What has happened in the slots since the last time.
@@ -305,20 +321,22 @@ impl Supervisor {
         Some(FlightError::NoRoom { name: name.to_owned(), shortage })
     }
 
-    /// Whether a process that is due can be started again; none as long as memory is short, which is reported once,
-    /// and waited for only so long.
-    fn room_for_restart(&mut self, index: usize, now_ns: u64) -> Option<Result<(), FlightError>> {
-        let Some(no_room) = self.no_room_for(&self.posts[index].spec.name) else {
-            self.awaits_room_ns = None;
-            return Some(Ok(()));
-        };
+    /// Lets a process be started again later that cannot be started now; the reason is reported once, and ends the
+    /// waiting after some time.
+    fn put_off(
+        &mut self,
+        index: usize,
+        reason: FlightError,
+        now_ns: u64,
+    ) -> Option<Result<(), FlightError>> {
         if self.awaits_room_ns.is_none() {
             let source = self.posts[index].spec.name.clone();
-            self.notices.push(Notice { source, text: no_room.to_string() });
+            self.notices.push(Notice { source, text: reason.to_string() });
         }
         let since_ns = *self.awaits_room_ns.get_or_insert(now_ns);
         if now_ns.saturating_sub(since_ns) > ROOM_LIMIT_NS {
-            return Some(Err(no_room));
+            self.posts[index].restart_at_ns = None;
+            return Some(Err(reason));
         }
         self.posts[index].restart_at_ns = Some(now_ns + ROOM_AGAIN_NS);
         None

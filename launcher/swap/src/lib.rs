@@ -18,6 +18,7 @@ mod rehearsal_spec;
 mod relay;
 pub mod services;
 mod slots;
+pub mod standard_error;
 mod standstill;
 
 pub use order_sinks::OrderSinks;

@@ -2,14 +2,10 @@
 //! and never so that it has to wait for a terminal.
 
 use crate::drain::{Drain, Lines, Sink, text};
+use crate::standard_error::show;
 use runtime::clock::mono_now_ns;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::{FileType, OFlags, fstat};
-use std::fs::File;
-use std::io::{self, Write as _};
+use std::io;
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::OpenOptionsExt as _;
-use std::sync::OnceLock;
 
 /// Lines of one controller that are shown in a second.
 const LINES_PER_S: u32 = 100;
@@ -107,40 +103,10 @@ fn relayed<W>(name: &str, to: W) -> Relayed<W> {
     Relayed { name: name.to_owned(), lines: Lines::new(LINE_BYTES), meter: Meter::default(), to }
 }
 
-/// Writes to standard error; false if it would have to wait, as for a terminal that has been stopped.
-fn show(text: &str) -> bool {
-    static WITHOUT_WAITING: OnceLock<Option<File>> = OnceLock::new();
-    let written = match WITHOUT_WAITING.get_or_init(error_without_waiting) {
-        Some(error) => {
-            let mut error: &File = error;
-            error.write_all(text.as_bytes())
-        }
-        None if is_ready() => io::stderr().write_all(text.as_bytes()),
-        None => return false,
-    };
-    written.is_ok()
-}
-
-fn is_ready() -> bool {
-    let error = io::stderr();
-    let mut polled = [PollFd::new(&error, PollFlags::OUT)];
-    poll(&mut polled, Some(&Timespec::default())).is_ok_and(|ready| ready > 0)
-}
-
-/// Standard error, opened once more so that writing to it never waits; none of a file, for which nothing waits and which
-/// would be written to at another place, and of what cannot be opened, such as a socket.
-fn error_without_waiting() -> Option<File> {
-    let kind = FileType::from_raw_mode(fstat(io::stderr()).ok()?.st_mode);
-    if !matches!(kind, FileType::Fifo | FileType::CharacterDevice) {
-        return None;
-    }
-    let flags = i32::try_from((OFlags::NONBLOCK | OFlags::NOCTTY).bits()).ok()?;
-    File::options().write(true).custom_flags(flags).open("/proc/self/fd/2").ok()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Write as _;
     use crate::drain::tests::drained;
     use std::sync::mpsc::channel;
 

@@ -4,7 +4,7 @@ use super::described::Described;
 use super::leftovers::Leftovers;
 use super::start::{Prepared, graph_of, restart_policy, takes_all_memory};
 use super::{Flight, LOOK_EVERY_NS, Outcome};
-use crate::checkpoint::{Checkpoint, CheckpointError, CheckpointWriter, Of};
+use crate::checkpoint::{Checkpoint, CheckpointError, CheckpointWriter, Of, pid_namespace};
 use crate::conductor::Conductor;
 use crate::live::Live;
 use crate::supervisor::{StartedFirst, Supervisor};
@@ -20,7 +20,10 @@ use runtime::namespace::{Membership, remove_incomplete_objects};
 use runtime::watch::StopFlags;
 use scenario::Scenario;
 use shared_types::{ClockMode, Role};
-use simulate::setup::{RunError, RunOptions, facts, recording_path, stamps_of, system};
+use simulate::setup::{
+    RunError, RunOptions, Unflown, facts, recording_path, require_descriptors, require_own_proc,
+    stamps_of, system,
+};
 use simulate::{Pin, Speed, Summary};
 use std::path::{Path, PathBuf};
 use swap::services::HeldServices;
@@ -73,6 +76,11 @@ pub enum AdoptError {
         /// What differs.
         reason: String,
     },
+    /// Its processes have other numbers here, or none.
+    #[error(
+        "run {run} cannot be taken over from here, where its processes cannot be seen: take it over in the PID namespace in which it was started"
+    )]
+    OtherNamespace { run: String },
     #[error("run {run} cannot be taken over: its scenario cannot be read: {source}")]
     Scenario {
         run: String,
@@ -98,6 +106,8 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
     let AdoptOptions { run, folder, .. } = options;
     let run = run.clone();
     let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
+    require_own_proc()?;
+    require_descriptors()?;
     let before = Leader::of_run(folder);
     // Declared before everything that uses the transport, so that it is dropped last and wipes.
     let mut membership = Membership::take_over(folder)
@@ -106,6 +116,9 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
         CheckpointError::Unreadable { .. } => AdoptError::NotStarted { run: run.clone() },
         other => AdoptError::OtherBuild { run: run.clone(), reason: other.to_string() },
     })?;
+    if checkpoint.of.pid_namespace != pid_namespace() {
+        return Err(AdoptError::OtherNamespace { run });
+    }
     let scenario = Scenario::load(&folder.join("scenario.toml").to_string_lossy(), &[])
         .map_err(|source| AdoptError::Scenario { run: run.clone(), source: Box::new(source) })?;
     if checkpoint.clock.0.mode == ClockMode::Lockstep {
@@ -128,10 +141,12 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
         live: None,
     };
     let (path, recording) = open_recording(&options, &checkpoint, from_ns)?;
+    let unflown = Unflown::of(path.as_deref());
     // From here on the processes wait for no other launcher.
     membership.announce_lead().map_err(RunError::from)?;
     let mut flight =
         Flight::find(&options, &membership, stop, &mut checkpoint, (path.as_deref(), recording))?;
+    unflown.begins();
     let predecessor =
         before.map_or_else(String::new, |leader| format!(" from process {}", leader.pid));
     let outcome = match flight.take_over(&checkpoint) {

@@ -13,6 +13,7 @@ impl Flight {
     /// that has ordered it to stop.
     pub(super) fn abort(mut self, error: &RunError) {
         self.supervisor.kill_all();
+        self.show_rest();
         if let Some(feed) = &self.tap.sinks.feed {
             feed.end(&Ending { is_good: false, text: error.to_string() });
         }
@@ -46,6 +47,7 @@ impl Flight {
         if ignored > 0 {
             self.notice(&format!("ignored {ignored} samples from unregistered publishers"));
         }
+        self.show_rest();
         let mut summary = Summary {
             run_id: id.to_owned(),
             scenario: options.scenario.settings().scenario.name.clone(),

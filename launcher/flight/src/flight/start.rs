@@ -34,6 +34,7 @@ use simulate::Sinks;
 use simulate::setup::{
     Pin, RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar,
 };
+use std::collections::VecDeque;
 use swap::child::{ChildSpec, Launch};
 use swap::services::{HeldServices, Wakers};
 use swap::{FlightError, Script, SlotWatch, Slots};
@@ -211,6 +212,7 @@ impl Flight {
             clock_reader,
             progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),
             notices: Vec::new(),
+            unshown: VecDeque::new(),
         })
     }
 

@@ -9,7 +9,7 @@ use shared_types::time::s_from_ns;
 use shared_types::{ClockMode, RegistryEntry, Role, Seat};
 use std::collections::BTreeMap;
 use std::io::Write as _;
-use swap::{FlightError, Slots};
+use swap::{FlightError, Slots, standard_error};
 
 /// How often all files of the run in shared memory are looked at \[ns\].
 const FILE_LOOK_NS: u64 = 500_000_000;
@@ -139,7 +139,7 @@ impl Flight {
     /// # Errors
     /// [`FlightError`] if the flight cannot go on.
     pub(super) fn watch_progress(&mut self, drained: u64, now_ns: u64) -> Result<(), FlightError> {
-        if let Some(bar) = &self.progress {
+        if let Some(bar) = self.progress.as_ref().filter(|_| standard_error::is_ready()) {
             bar.set_position(drained.min(self.conductor.end_ns()) / 1_000_000);
         }
         let present: Vec<RegistryEntry> = self.supervisor.present().copied().collect();
@@ -202,6 +202,7 @@ impl Flight {
             sinks.note(logical_ns, Severity::Warning, &notice.source, &notice.text);
             self.notice(&notice.text);
         }
+        self.show_waiting();
     }
 
     pub(super) fn notice(&mut self, text: &str) {
@@ -209,14 +210,33 @@ impl Flight {
         self.notices.push(text.to_owned());
     }
 
-    /// Prints what need not be remembered.
-    pub(super) fn print(&self, text: &str) {
+    /// Prints what need not be remembered, as soon as that is possible without waiting.
+    pub(super) fn print(&mut self, text: &str) {
         // As a whole, so that what a controller prints comes before or after it.
-        let line = format!("morphquad: {text}\n");
-        let write = || drop(std::io::stderr().write_all(line.as_bytes()));
-        match &self.progress {
-            Some(bar) => bar.suspend(write),
-            None => write(),
+        self.unshown.push_back(format!("morphquad: {text}\n"));
+        self.show_waiting();
+    }
+
+    /// Prints what waits for a terminal that has been stopped, or a pipe that is full, unless it would still have to.
+    fn show_waiting(&mut self) {
+        while let Some(line) = self.unshown.front() {
+            let is_shown = match &self.progress {
+                Some(bar) => {
+                    standard_error::is_ready() && bar.suspend(|| standard_error::show(line))
+                }
+                None => standard_error::show(line),
+            };
+            if !is_shown {
+                return;
+            }
+            self.unshown.pop_front();
+        }
+    }
+
+    /// Prints what waits once the flight is over, when nothing is held up by it.
+    pub(super) fn show_rest(&mut self) {
+        for line in self.unshown.drain(..) {
+            let _ = std::io::stderr().write_all(line.as_bytes());
         }
     }
 }

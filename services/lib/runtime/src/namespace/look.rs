@@ -173,9 +173,14 @@ fn older_than_a_minute(path: &Path) -> bool {
 
 /// Removes shared-memory objects that a process killed while creating them left empty: the
 /// transport would wait for them forever. An object that a process is creating right now gets its
-/// size within microseconds.
+/// size within microseconds. What another user has put among them goes too, as far as this one may remove it: the
+/// transport would wait for it, or use it.
 pub fn remove_incomplete_objects(folder: &Path) {
     let own = rustix::process::geteuid().as_raw();
+    let is_foreign = |entry: &fs::DirEntry| entry.metadata().is_ok_and(|found| found.uid() != own);
+    for entry in objects_of(folder).filter(is_foreign) {
+        let _ = fs::remove_file(entry.path());
+    }
     let empty = || {
         objects_of(folder).filter(|entry| {
             entry.metadata().is_ok_and(|found| found.len() == 0 && found.uid() == own)

@@ -30,8 +30,9 @@ impl Reservation {
     /// Memory that the run's objects have taken, reserved or touched \[MB\].
     #[must_use]
     pub fn taken_mb(&self) -> u64 {
-        let taken =
-            objects_of(&self.folder).filter_map(|entry| Some(entry.metadata().ok()?.blocks()));
+        let own = rustix::process::geteuid().as_raw();
+        let objects = objects_of(&self.folder).filter_map(|entry| entry.metadata().ok());
+        let taken = objects.filter(|found| found.uid() == own).map(|found| found.blocks());
         // In units of 512 bytes, whatever the file system has.
         taken.sum::<u64>() >> 11
     }
