@@ -457,7 +457,7 @@ fn a_run_that_is_led_or_in_lockstep_is_not_adopted_and_of_two_launchers_one_wins
     assert_eq!(code, Some(3), "{output_text}");
     assert!(output_text.contains("Imu is laid out otherwise"), "{output_text}");
     fs::write(&notes, ours).expect("room");
-    assert_refused_under("prlimit --nofile=256:256", &run, "file descriptors");
+    assert_refused_under("prlimit --nofile=256:256", &run, "may open 256 files");
     if Command::new("unshare").args(["--pid", "true"]).status().is_ok_and(|s| s.success()) {
         assert_refused_under("unshare --pid --fork", &run, "--mount-proc");
         let elsewhere = "in the PID namespace in which it was started";

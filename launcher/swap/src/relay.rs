@@ -106,8 +106,8 @@ fn relayed<W>(name: &str, to: W) -> Relayed<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::io::Write as _;
     use crate::drain::tests::drained;
+    use std::io::Write as _;
     use std::sync::mpsc::channel;
 
     #[test]

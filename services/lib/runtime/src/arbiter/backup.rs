@@ -4,10 +4,11 @@
 //! Proportional in position and velocity, beside the reference's acceleration. It has no integral and knows neither wind
 //! nor drag; what the last set point asked for beyond it is what holds against them, and fades.
 
-use super::setpoints::TILT_BOUND_RAD;
 use shared_types::guidance::REFERENCE_POINTS;
 use shared_types::{Reference, StateEstimate};
 
+/// Bound on the tilt that a position loop asks for, the unit in which steps of it are measured \[rad\].
+pub const TILT_BOUND_RAD: f64 = 0.35;
 /// Time constant with which the last set point fades \[s\].
 const FADES_S: f64 = 0.5;
 /// Velocity per position error \[1/s\].

@@ -9,8 +9,8 @@ use shared_types::{
 };
 use slot::{Authority, Command};
 
-/// Bound on the tilt that a position loop asks for, the unit in which steps of it are measured \[rad\].
-pub const TILT_BOUND_RAD: f64 = 0.35;
+pub use super::backup::TILT_BOUND_RAD;
+
 /// Share of a bound by which a change of kind may step at once.
 const STEP_SHARE: f64 = 0.1;
 

@@ -164,7 +164,7 @@ toy!(position,
 toy!(attitude,
     [state_estimate: StateEstimate = STATE_ESTIMATE, attitude_setpoint: AttitudeSetpoint = ATTITUDE_SETPOINT,
      applied_command: AppliedCommand = APPLIED_COMMAND, morph_command: MorphCommand = MORPH_COMMAND,
-     trip: Trip = TRIP],
+     trip: Trip = TRIP, reference: Reference = REFERENCE],
     [wrench_command: WrenchCommand = WRENCH_COMMAND / 1,
      applied_setpoint: AppliedSetpoint = APPLIED_SETPOINT / 1,
      attitude_report: AttitudeReport = ATTITUDE_REPORT / 1]);
