@@ -201,6 +201,13 @@ fn the_shortest_flights_end() {
 }
 
 #[test]
+fn a_flight_that_grants_no_grace_is_the_same_as_long_as_its_launcher_lives() {
+    let hover = ["hover", "--for", "1s"];
+    let without = ["--set", "launcher.launcher_grace_s=0"];
+    assert_eq!(fly(&[&hover[..], &without].concat()).hash(), fly(&hover).hash());
+}
+
+#[test]
 fn a_vehicle_that_ends_off_its_path_fails_the_run_although_no_process_crashed() {
     // Half the weight to the side, which no tilt within the bound holds.
     let push = "disturbance_injector.script=[{kind=\"constant\",load={force_w_n=[0.6,0.0,0.0]}}]";

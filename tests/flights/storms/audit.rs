@@ -58,7 +58,7 @@ pub(super) fn findings(recording: &Recording) -> Vec<String> {
     let [truth, reference, records, commands, ticks, set_points, imu, estimates, asked] = recording
         .several([
             ("truth", &["position_w_m", "q_wb"]),
-            ("reference", &["points"]),
+            ("reference", &["spacing_ns", "count", "points"]),
             ("attitude_owner", &["epoch", "owner", "fallback"]),
             ("wrench_command", &command),
             ("applied_command", &tick),
@@ -75,6 +75,19 @@ pub(super) fn findings(recording: &Recording) -> Vec<String> {
     findings
 }
 
+/// Where a reference has the vehicle be at an instant \[m\]: on a line between its points, and at the last one from then on. A
+/// pilot that has died is followed by its last sample.
+fn wanted_m(reference: &Row, t_s: f64) -> [f64; 3] {
+    const VALUES_OF_A_POINT: usize = 7;
+    let [spacing_ns, count, points @ ..] = &reference.values[..] else { panic!("{reference:?}") };
+    let spacings = (t_s - reference.t_s).max(0.0) / (spacing_ns * 1e-9);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small counts")]
+    let (index, last) = (spacings as usize, (*count as usize).saturating_sub(1));
+    let point = |index: usize| &points[VALUES_OF_A_POINT * index.min(last)..][..3];
+    let (from, to) = (point(index), point(index + 1));
+    core::array::from_fn(|i| from[i] + (to[i] - from[i]) * (spacings - index as f64))
+}
+
 fn moved_as_it_should(flight: &Flight) -> Vec<String> {
     let mut references = flight.reference.iter().peekable();
     let mut wanted: Option<&Row> = None;
@@ -85,7 +98,7 @@ fn moved_as_it_should(flight: &Flight) -> Vec<String> {
         }
         let [x, y, z, _, qx, qy, _] = row.values[..] else { panic!("{row:?}") };
         if let Some(wanted) = wanted {
-            let away_m = distance(&[x, y, z], &wanted.values[..3]);
+            let away_m = distance(&[x, y, z], &wanted_m(wanted, row.t_s));
             farthest = if away_m > farthest.0 { (away_m, row.t_s) } else { farthest };
         }
         lowest = if z < lowest.0 { (z, row.t_s) } else { lowest };
