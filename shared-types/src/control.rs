@@ -24,8 +24,8 @@ sample! {
     pub struct AppliedSetpoint {
         /// Identity and time.
         pub header: Header,
-        /// Sequence of the set point sample in use; 0 before the first, and where none is: the owner has tripped, or
-        /// the last one has faded.
+        /// Sequence of the set point sample in use; 0 before the first, and where a backup law flies: the owner has
+        /// tripped, or no set point has come any more.
         pub setpoint_sequence: u64,
         /// Epoch of the position slot's owner record in effect; 0 before the first.
         pub epoch: u64,

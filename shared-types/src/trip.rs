@@ -51,8 +51,8 @@ sample! {
     /// The monitor's verdict that the owner of a slot is not to be followed any more. Published once per epoch.
     ///
     /// From its effective instant on the owner is not followed any more, but the fallback of this epoch's record, if it
-    /// has one: in the position slot once two of the fallback's periods are over, for which attitude controllers are
-    /// level. A trip of a seat that is not its owner's, or of an epoch before the first that names owner and fallback
+    /// has one: in the position slot once two of the fallback's periods are over, for which attitude controllers
+    /// follow the reference by themselves. A trip of a seat that is not its owner's, or of an epoch before the first that names owner and fallback
     /// of now, means nothing.
     #[derive(PartialEq)]
     pub struct Trip {

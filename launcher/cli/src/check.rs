@@ -218,7 +218,7 @@ fn monitor(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     let Limits { thrust_speed_m_s, excursion_m, off_course_m, off_course_s, height_m, .. } = limits;
     let standby = match settings.monitor.fallback {
         Fallback::Auto => "the owner before it",
-        Fallback::None => "nothing, so that the actuation guard levels the vehicle,",
+        Fallback::None => "none, so that the vehicle is held without one,",
     };
     let bounded = scenario.keeps_to_rotors();
     let full_torque = if bounded { "turns beyond its set point at full torque, " } else { "" };

@@ -209,7 +209,7 @@ struct Flight {
     progress: Option<indicatif::ProgressBar>,
     notices: Vec<String>,
     /// What standard error has not taken yet.
-    unshown: VecDeque<String>,
+    unshown: VecDeque<Vec<u8>>,
 }
 
 impl Flight {

@@ -48,10 +48,10 @@ pub(super) struct RestartPolicy {
     pub(super) frees_meanwhile: bool,
 }
 
-/// From one look for room in shared memory to the next \[ns\].
-const ROOM_AGAIN_NS: u64 = 20_000_000;
-/// For how long a process that has died waits for room before the flight goes on, or ends, without it \[ns\].
-const ROOM_LIMIT_NS: u64 = 10_000_000_000;
+/// From one attempt to start a process again that cannot be started to the next \[ns\].
+const PUT_OFF_NS: u64 = 20_000_000;
+/// For how long this is tried before the flight goes on, or ends, without it \[ns\].
+const PUT_OFF_LIMIT_NS: u64 = 10_000_000_000;
 
 /// A line for the log of the flight.
 #[derive(Debug, Clone)]
@@ -88,8 +88,8 @@ pub(super) struct Supervisor {
     joined_mono_ns: u64,
     pub(super) notices: Vec<Notice>,
     pub(super) recovered: u64,
-    /// Since when a process has waited for room in shared memory, which has been reported \[ns\].
-    awaits_room_ns: Option<u64>,
+    /// Seats whose processes cannot be started again yet, which has been reported, and since when \[ns\].
+    put_off: Vec<(Seat, u64)>,
     /// Processes of slots that are there before their slots have asked for them.
     expected: Vec<Expected>,
     /// None if the launcher waits for it.
@@ -121,7 +121,7 @@ impl Supervisor {
             joined_mono_ns: 0,
             notices: Vec::new(),
             recovered: 0,
-            awaits_room_ns: None,
+            put_off: Vec::new(),
             expected: Vec::new(),
             sweep: policy.frees_meanwhile.then(|| Sweep::of(bus)),
         })
@@ -280,7 +280,8 @@ impl Supervisor {
             }
             started => {
                 self.posts[index].restart_at_ns = None;
-                self.awaits_room_ns = None;
+                let seat = self.posts[index].seat;
+                self.put_off.retain(|(waiting, _)| *waiting != seat);
                 Some(started)
             }
         }
@@ -329,16 +330,20 @@ impl Supervisor {
         reason: FlightError,
         now_ns: u64,
     ) -> Option<Result<(), FlightError>> {
-        if self.awaits_room_ns.is_none() {
-            let source = self.posts[index].spec.name.clone();
-            self.notices.push(Notice { source, text: reason.to_string() });
-        }
-        let since_ns = *self.awaits_room_ns.get_or_insert(now_ns);
-        if now_ns.saturating_sub(since_ns) > ROOM_LIMIT_NS {
+        let seat = self.posts[index].seat;
+        let since_ns = self.put_off.iter().find(|(waiting, _)| *waiting == seat);
+        let since_ns = since_ns.map_or(now_ns, |(_, since_ns)| *since_ns);
+        self.put_off.retain(|(waiting, _)| *waiting != seat);
+        if now_ns.saturating_sub(since_ns) > PUT_OFF_LIMIT_NS {
             self.posts[index].restart_at_ns = None;
             return Some(Err(reason));
         }
-        self.posts[index].restart_at_ns = Some(now_ns + ROOM_AGAIN_NS);
+        if since_ns == now_ns {
+            let source = self.posts[index].spec.name.clone();
+            self.notices.push(Notice { source, text: reason.to_string() });
+        }
+        self.put_off.push((seat, since_ns));
+        self.posts[index].restart_at_ns = Some(now_ns + PUT_OFF_NS);
         None
     }
 

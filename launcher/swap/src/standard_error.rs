@@ -10,17 +10,31 @@ use std::sync::OnceLock;
 /// Writes to standard error; false if it would have to wait, as for a terminal that has been stopped.
 #[must_use]
 pub fn show(text: &str) -> bool {
+    show_some(text.as_bytes()) == text.len()
+}
+
+/// Writes as much to standard error as is possible without waiting, and returns how many bytes that are. What has been closed
+/// counts as taking all.
+#[must_use]
+pub fn show_some(text: &[u8]) -> usize {
     static WITHOUT_WAITING: OnceLock<Option<File>> = OnceLock::new();
-    let written = match WITHOUT_WAITING.get_or_init(error_without_waiting) {
-        Some(error) => {
-            let mut error: &File = error;
-            error.write_all(text.as_bytes())
+    let Some(mut error) = WITHOUT_WAITING.get_or_init(error_without_waiting).as_ref() else {
+        if !is_ready() {
+            return 0;
         }
-        None if is_ready() => io::stderr().write_all(text.as_bytes()),
-        None => return false,
+        let _ = io::stderr().write_all(text);
+        return text.len();
     };
-    // What has been closed takes nothing later either.
-    !written.is_err_and(|error| error.kind() == io::ErrorKind::WouldBlock)
+    let mut rest = text;
+    while !rest.is_empty() {
+        match error.write(rest) {
+            Ok(taken) if taken > 0 => rest = &rest[taken..],
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
+            Ok(_) | Err(_) => return text.len(),
+        }
+    }
+    text.len() - rest.len()
 }
 
 /// Whether something can be written to standard error without waiting.

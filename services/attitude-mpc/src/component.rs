@@ -59,7 +59,7 @@ impl AttitudeMpc {
                 thrust_n: vehicle.weight_n(),
             },
             setpoint_sequence: 0,
-            slot: SetpointSlot::new(vehicle.weight_n()),
+            slot: SetpointSlot::new(vehicle.weight_n(), vehicle.gravity_m_s2),
         })
     }
 

@@ -9,10 +9,8 @@ another owner or fallback.
 import math
 import typing
 
-from .backup import backup_of
+from .backup import TILT_BOUND_RAD, backup_of, together
 
-# Bound on the tilt that a position loop asks for, the unit in which steps of it are measured [rad].
-TILT_BOUND_RAD = 0.35
 # Share of a bound by which a change to a controller of another kind may step at once, and the time over
 # which the rest comes back [ns].
 STEP_SHARE = 0.1
@@ -201,8 +199,7 @@ class CommandArbiter:
 
     def backup_until_ns(self):
         """Until when no set point counts after a trip, unless a record names another owner: the fallback has two periods
-        to see what the backup law asks for. It continues from what is applied, and would begin with what its predecessor has
-        tripped for."""
+        to see what the backup law does. It would begin with what its predecessor has tripped for."""
         if not self.tripped or self.failed_over:
             return 0
         return self._tripped_ns + self.two_periods_ns(self.record.fallback)
@@ -213,9 +210,9 @@ class CommandArbiter:
         self._last = None
 
     def forget_tripped(self):
-        """The last heading of an owner that has tripped while there is no other yet, if that is so: nothing has to
-        continue from its set points. A loop that has followed none has no heading either."""
-        if not self.tripped or self.failed_over or self._given is None:
+        """The last heading of an owner that has tripped while there is no set point of another yet, if that is so: nothing
+        has to continue from its own. A loop that has followed none has no heading either."""
+        if self._given is None or (self._given.seat is not None and not (self.tripped and not self.failed_over)):
             return None
         self._given = self._given._replace(seat=None)
         self._limiter.reset()
@@ -255,11 +252,11 @@ class CommandArbiter:
 class SetPoints:
     """The set point that an attitude loop has to follow."""
 
-    def __init__(self, weight_n, role):
-        self._weight_n, self._role = weight_n, role
+    def __init__(self, vehicle, role):
+        self._vehicle, self._role = vehicle, role
         tilt_rad = STEP_SHARE * TILT_BOUND_RAD
         # The heading comes from the reference whichever process owns the slot, and it wraps: never limited.
-        self._arbiter = CommandArbiter((STEP_SHARE * weight_n, tilt_rad, tilt_rad, math.inf))
+        self._arbiter = CommandArbiter((STEP_SHARE * vehicle.weight_n, tilt_rad, tilt_rad, math.inf))
         self._faded_ns, self._excess = 0, (0.0, 0.0, 0.0)
 
     def take(self, t_ns, owners, setpoints, trips, estimate, reference):
@@ -314,7 +311,7 @@ class SetPoints:
         yaw_rad = self._arbiter.forget_tripped()
         if yaw_rad is None:
             return None
-        value = backup_of(t_ns, self._weight_n, yaw_rad, estimate, reference)
+        value = backup_of(t_ns, self._vehicle, yaw_rad, estimate, reference)
         return Command(value, 0, None, 0, 0)
 
     def _fade(self, t_ns, estimate, reference):
@@ -327,12 +324,12 @@ class SetPoints:
         since_ns = t_ns - max(from_ns, self._faded_ns)
         if since_ns < 0:
             return None
-        *law, yaw_rad = backup_of(t_ns, self._weight_n, last.value[3], estimate, reference)
+        *law, yaw_rad = backup_of(t_ns, self._vehicle, last.value[3], estimate, reference)
         if self._faded_ns < from_ns:
             self._excess = tuple(value - own for value, own in zip(last.value, law))
         left = FADES_S / (FADES_S + since_ns * 1e-9)
         self._excess = tuple(left * excess for excess in self._excess)
-        value = (*(own + excess for own, excess in zip(law, self._excess)), yaw_rad)
+        value = (*together(law, self._excess, self._vehicle), yaw_rad)
         self._faded_ns = t_ns
         self._arbiter.replace_lapsed(value)
         return Command(value, 0, None, 0, 0)

@@ -40,7 +40,7 @@ class Attitude:
     def __init__(self, law, vehicle, flight, samples):
         self._law, self._vehicle, self._no_seat = law, vehicle, samples.NO_SEAT
         self._recover = samples.GateMode.Recover
-        self._setpoints = SetPoints(vehicle.weight_n, samples.Role.Position)
+        self._setpoints = SetPoints(vehicle, samples.Role.Position)
         self._angles_rad = (0.0, 0.0, flight["start_yaw_rad"])
         self._thrust_n = vehicle.weight_n
         self._followed = 0

@@ -60,20 +60,22 @@ class Input:
         elif self._known_until_ns is not None and sample.valid_ns <= self._known_until_ns:
             return
         pending, key = self._pending, sample[:3]
-        if len(pending) >= CAPACITY:
-            self._make_room()
         if not pending or pending[-1][:3] < key:
             pending.append(sample)
+            self._make_room()
             return
         at = bisect.bisect_left(pending, key)
         if at < len(pending) and pending[at][:3] == key:
             pending[at] = sample
         else:
             pending.insert(at, sample)
+            self._make_room()
 
     def _make_room(self):
-        """Leaves out the oldest sample of the seat that has most of those that wait, so that no writer keeps another
-        one's out."""
+        """Leaves out the oldest sample of the seat that has most, where too many wait, so that no writer keeps another one's
+        out."""
+        if len(self._pending) <= CAPACITY:
+            return
         waiting = collections.Counter(sample.seat for sample in self._pending)
         most = max(waiting, key=waiting.get)
         oldest = next(i for i, sample in enumerate(self._pending) if sample.seat == most)

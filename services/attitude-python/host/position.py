@@ -5,7 +5,7 @@ import sys
 import typing
 
 from . import process
-from .reference import motion_at
+from .reference import landing_at
 from .vehicle import Vehicle
 
 INPUTS = ("state_estimate", "reference", "applied_setpoint", "applied_command", "attitude_owner")
@@ -13,8 +13,6 @@ OUTPUTS = ("attitude_setpoint", "position_report")
 # Largest roll and pitch [rad]; least and largest thrust over the weight.
 TILT_MAX_RAD = 0.35
 THRUST_WEIGHTS = (0.3, 2.0)
-# Without a reference for `hover_s` the vehicle sinks at this rate [m/s].
-LANDING_M_S = 0.5
 FREE = (math.inf, math.inf, math.inf)
 
 
@@ -51,7 +49,7 @@ class Position:
         estimate, reference = loop.inputs["state_estimate"].value, loop.inputs["reference"].value
         limit_ns = 2 * loop.rate.period_ns
         if estimate is None or reference is None or t_ns > estimate.described_ns + limit_ns:
-            return ()  # The attitude loop holds the last set point, and lets it fade if none follows.
+            return ()  # The attitude loop holds the last set point, and flies by itself if none follows.
         q = estimate.q_wb
         heading_rad = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
         target, yaw_rad = self._target(reference, t_ns)
@@ -70,16 +68,7 @@ class Position:
 
     def _target(self, reference, t_ns):
         """Position, velocity and acceleration to have now, and the heading."""
-        position, velocity, ahead, yaw_rad, rests = motion_at(reference, t_ns)
-        # Without a new reference for a while the vehicle lands, first along what is left of the last one.
-        age_s = max(0, t_ns - reference.header.valid_ns) * 1e-9
-        descent_m = LANDING_M_S * max(0.0, age_s - self._hover_s)
-        if descent_m > 0.0:
-            x, y, z = position
-            height_m = max(min(z, 0.0), z - descent_m)
-            sinks = not rests or height_m > 0.0
-            position = (x, y, height_m)
-            velocity = (*velocity[:2], velocity[2] - LANDING_M_S) if sinks else velocity
+        position, velocity, ahead, yaw_rad = landing_at(reference, t_ns, self._hover_s)
         return (position, velocity, ahead), yaw_rad
 
     def _take_followed(self, loop):

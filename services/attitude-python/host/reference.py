@@ -2,6 +2,8 @@
 
 # Its acceleration is taken so far ahead: an attitude loop answers that much later [ns].
 LEAD_NS = 50_000_000
+# Without a new reference for so long the vehicle lands [s], and how fast [m/s].
+HOVER_S, LANDING_M_S = 2.0, 0.5
 
 
 def motion_at(reference, t_ns):
@@ -28,3 +30,18 @@ def motion_at(reference, t_ns):
     velocity = tuple(v + a * since_s for v, a in zip(velocity, now))
     ahead = slope((age_ns + LEAD_NS) // spacing_ns)
     return position, velocity, ahead, point.yaw_rad, False
+
+
+def landing_at(reference, t_ns, hover_s=HOVER_S):
+    """Position, velocity, acceleration and heading as in `motion_at`, and the way down to the ground once the reference is
+    older than `hover_s`, first along what is left of it."""
+    position, velocity, ahead, yaw_rad, rests = motion_at(reference, t_ns)
+    age_s = max(0, t_ns - reference.header.valid_ns) * 1e-9
+    descent_m = LANDING_M_S * max(0.0, age_s - hover_s)
+    if descent_m > 0.0:
+        x, y, z = position
+        height_m = max(min(z, 0.0), z - descent_m)
+        sinks = not rests or height_m > 0.0
+        position = (x, y, height_m)
+        velocity = (*velocity[:2], velocity[2] - LANDING_M_S) if sinks else velocity
+    return position, velocity, ahead, yaw_rad

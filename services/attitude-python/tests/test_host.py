@@ -446,7 +446,7 @@ class SetPointRules(unittest.TestCase):
         record = owner(1, 0, 0, periods_ms=(10, 0, 0, 0))
         record.kind_changed = record.watched = 0
         setpoints = Input(Setpoint, list, "position", True)
-        slot, trips = SetPoints(1.0, 2), types.SimpleNamespace(before=None, fresh=[])
+        slot, trips = SetPoints(types.SimpleNamespace(weight_n=1.0, gravity_m_s2=9.81), 2), types.SimpleNamespace(before=None, fresh=[])
 
         def take(t_ms, roll_rad=None):
             if roll_rad is not None:
@@ -468,7 +468,7 @@ class SetPointRules(unittest.TestCase):
         record.kind_changed = record.watched = 0
         owners = types.SimpleNamespace(before=None, fresh=[0], value_of=lambda _: record)
         setpoints = Input(Setpoint, list, "position", True)
-        slot, trips = SetPoints(1.0, 2), types.SimpleNamespace(before=None, fresh=[])
+        slot, trips = SetPoints(types.SimpleNamespace(weight_n=1.0, gravity_m_s2=9.81), 2), types.SimpleNamespace(before=None, fresh=[])
         north = types.SimpleNamespace(w=0.5**0.5, x=0.0, y=0.0, z=0.5**0.5)
         still = (0.0, 0.0, 0.0)
         here = types.SimpleNamespace(q_wb=north, position_w_m=still, velocity_w_m_s=still)

@@ -249,10 +249,10 @@ impl Reports {
             return Judged::Unfound;
         }
         if report.sequence == 0 {
-            // None is tracked before the first, and after the last has faded for want of another.
+            // None is tracked before the first, and by the backup law, for want of another.
             let is_left_out = |asked: &Asked| {
-                let fades_ns = asked.valid_ns.saturating_add(4 * longest_ns);
-                is_over(asked) && report.release_ns < fades_ns
+                let held_until_ns = asked.valid_ns.saturating_add(4 * longest_ns);
+                is_over(asked) && report.release_ns < held_until_ns
             };
             return if of_seat.known().any(is_left_out) { Judged::Unfound } else { Judged::Open };
         }

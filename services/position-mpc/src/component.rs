@@ -106,7 +106,7 @@ impl Service for PositionMpc {
         self.tracked.take(inputs, self.law.has_paused());
         let estimate = inputs.state_estimate.link(now_ns, 2 * self.period_ns);
         let (Link::Fresh(estimate), Some(reference)) = (estimate, inputs.reference.latest()) else {
-            // The attitude loop holds the last set point, and lets it fade if none follows.
+            // The attitude loop holds the last set point, and flies by itself if none follows.
             self.law.leave_out(1);
             return;
         };

@@ -164,7 +164,7 @@ impl Service for Rogue {
             validity_ns: self.validity_ns,
             ..WrenchCommand::default()
         });
-        let mut follows = SetpointSlot::new(self.largest[0]);
+        let mut follows = SetpointSlot::new(self.largest[0], 9.81);
         follows.restore(&slot);
         let [roll_rad, pitch_rad, yaw_rad, thrust_n] = setpoint;
         outputs.applied_setpoint.write(AppliedSetpoint {

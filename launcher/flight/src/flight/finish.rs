@@ -13,10 +13,10 @@ impl Flight {
     /// that has ordered it to stop.
     pub(super) fn abort(mut self, error: &RunError) {
         self.supervisor.kill_all();
-        self.show_rest();
         if let Some(feed) = &self.tap.sinks.feed {
             feed.end(&Ending { is_good: false, text: error.to_string() });
         }
+        self.show_rest();
     }
 
     pub(super) fn conclude(
@@ -37,9 +37,6 @@ impl Flight {
         if let Some(leftovers) = self.leftovers.take() {
             leftovers.finish();
         }
-        if let Some(bar) = &self.progress {
-            bar.finish_and_clear();
-        }
         let flown_ns = self.drained_ns().max(from_ns).min(self.conductor.end_ns());
         self.tap.sinks.metrics.finish();
         self.slots.finish();
@@ -47,7 +44,6 @@ impl Flight {
         if ignored > 0 {
             self.notice(&format!("ignored {ignored} samples from unregistered publishers"));
         }
-        self.show_rest();
         let mut summary = Summary {
             run_id: id.to_owned(),
             scenario: options.scenario.settings().scenario.name.clone(),
@@ -78,6 +74,7 @@ impl Flight {
             Outcome::Lost(reason) => summary.lost = Some(reason),
         }
         self.tap.sinks.finish(&mut summary);
+        self.show_rest();
         (summary, self.tap.sinks.stopwatch.take())
     }
 }

@@ -213,30 +213,35 @@ impl Flight {
     /// Prints what need not be remembered, as soon as that is possible without waiting.
     pub(super) fn print(&mut self, text: &str) {
         // As a whole, so that what a controller prints comes before or after it.
-        self.unshown.push_back(format!("morphquad: {text}\n"));
+        self.unshown.push_back(format!("morphquad: {text}\n").into_bytes());
         self.show_waiting();
     }
 
     /// Prints what waits for a terminal that has been stopped, or a pipe that is full, unless it would still have to.
     fn show_waiting(&mut self) {
-        while let Some(line) = self.unshown.front() {
-            let is_shown = match &self.progress {
-                Some(bar) => {
-                    standard_error::is_ready() && bar.suspend(|| standard_error::show(line))
+        while let Some(line) = self.unshown.front_mut() {
+            let taken = match &self.progress {
+                Some(bar) if standard_error::is_ready() => {
+                    bar.suspend(|| standard_error::show_some(line))
                 }
-                None => standard_error::show(line),
+                Some(_) => 0,
+                None => standard_error::show_some(line),
             };
-            if !is_shown {
+            if taken < line.len() {
+                line.drain(..taken);
                 return;
             }
             self.unshown.pop_front();
         }
     }
 
-    /// Prints what waits once the flight is over, when nothing is held up by it.
+    /// Ends the progress and prints what waits, once the flight is over and recorded: nothing is held up by it any more.
     pub(super) fn show_rest(&mut self) {
+        if let Some(bar) = &self.progress {
+            bar.finish_and_clear();
+        }
         for line in self.unshown.drain(..) {
-            let _ = std::io::stderr().write_all(line.as_bytes());
+            let _ = std::io::stderr().write_all(&line);
         }
     }
 }

@@ -39,7 +39,7 @@ impl Supervisor {
             joined_mono_ns: 0,
             notices: Vec::new(),
             recovered: 0,
-            awaits_room_ns: None,
+            put_off: Vec::new(),
             expected: Vec::new(),
             sweep: policy.frees_meanwhile.then(|| Sweep::of(bus)),
             hello: started.take_hellos(bus)?,
@@ -96,10 +96,8 @@ impl Supervisor {
                 continue;
             }
             self.report_restart(index);
-            if let Some(Err(_)) = self.start_again(index, false, now_ns) {
-                // It is tried again as any other, and the reason why it cannot be is reported then.
-                self.posts[index].restart_at_ns = Some(now_ns);
-            }
+            // One that cannot be started is tried again as any other.
+            let _put_off = self.start_again(index, false, now_ns);
             self.note();
         }
     }

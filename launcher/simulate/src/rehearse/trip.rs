@@ -46,9 +46,9 @@ impl Observer for Tripping {
             && applied.header.seat == SWAPPED_SEAT
             && self.tripped_ns.is_some()
         {
-            // Level in place of an owner that has tripped follows no seat.
-            let is_level = applied.tripped.is_set() && applied.setpoint_sequence == 0;
-            let followed = if is_level { NO_SEAT } else { applied.seat };
+            // The backup law in place of an owner that has tripped follows no seat.
+            let flies_by_itself = applied.tripped.is_set() && applied.setpoint_sequence == 0;
+            let followed = if flies_by_itself { NO_SEAT } else { applied.seat };
             self.followed.push((applied.header.release_ns, followed));
         }
     }

@@ -129,7 +129,7 @@ impl Controller {
     fn at_trim(gains: Gains, vehicle: VehicleParameters, period_s: f64, yaw_rad: f64) -> Self {
         let setpoint = [0.0, 0.0, yaw_rad, vehicle.weight_n()];
         let memory = Memory { setpoint, ..Memory::default() };
-        let slot = SetpointSlot::new(vehicle.weight_n());
+        let slot = SetpointSlot::new(vehicle.weight_n(), vehicle.gravity_m_s2);
         Self { gains, vehicle, period_s, memory, slot, tracking: false }
     }
 

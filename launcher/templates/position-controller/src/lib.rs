@@ -216,7 +216,7 @@ impl Service for Controller {
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         self.take_applied(inputs);
         let Some(sample) = self.sample(now_ns, inputs) else {
-            // The attitude loop holds the last set point, and lets it fade if none follows.
+            // The attitude loop holds the last set point, and flies by itself if none follows.
             return;
         };
         let wish = self.acceleration(&sample) + Vector3::from(self.memory.integral_m_s2);

@@ -51,7 +51,7 @@ pub struct Tracked {
 
 impl Tracked {
     /// Takes what the owner reports in a step. A controller that `has_paused` continues from what took the place of its
-    /// last set point, which has faded; at any other time no report without a set point is believed.
+    /// last set point, by the backup law of the attitude loop; at any other time no report without a set point is believed.
     pub fn take(&mut self, inputs: &Inputs, has_paused: bool) {
         let Some(sample) = in_command(inputs) else { return };
         self.set(sample, has_paused && self.setpoint.is_some());

@@ -157,9 +157,9 @@ fn a_trip_has_to_be_followed_within_two_periods_if_there_is_a_fallback() {
         assert!(reports.take_record(&record(2, hands, 0)));
         reports.trip(0, trip_ns);
         assert_eq!(reports.check(&at(3)), None, "{why}");
-        let level = Report { sequence: 0, ..at(20) };
-        let found = [level; 4].map(|report| reports.check(&report));
-        assert_eq!(found, [None; 4], "{why}: it is level");
+        let by_itself = Report { sequence: 0, ..at(20) };
+        let found = [by_itself; 4].map(|report| reports.check(&report));
+        assert_eq!(found, [None; 4], "{why}: it flies by itself");
     }
 }
 

@@ -127,7 +127,7 @@ impl<L: AttitudeLaw> AttitudeLoop<L> {
         let common = Common {
             setpoint: [0.0, 0.0, yaw_rad, weight_n],
             setpoint_sequence: 0,
-            slot: SetpointSlot::new(weight_n).memory(),
+            slot: SetpointSlot::new(weight_n, vehicle.gravity_m_s2).memory(),
             actuators: Actuators::at_rest(),
             thrust_n: weight_n,
             primed: false,

@@ -60,7 +60,7 @@ impl<L: AttitudeLaw> AttitudeController<L> {
     pub fn new(law: L, vehicle: &VehicleParameters, timing: Timing, start_yaw_rad: f64) -> Self {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
         let period_ns = (1e9 * timing.period_s).ceil() as u64;
-        let slot = SetpointSlot::new(vehicle.weight_n());
+        let slot = SetpointSlot::new(vehicle.weight_n(), vehicle.gravity_m_s2);
         Self { inner: AttitudeLoop::new(law, vehicle, timing, start_yaw_rad), slot, period_ns }
     }
 

@@ -19,16 +19,19 @@ const VELOCITY_GAIN_S: f64 = 5.5;
 const SPEED_MAX_M_S: f64 = 1.0;
 /// How far ahead the reference's acceleration is taken: the lag of an attitude loop \[ns\].
 const LEAD_NS: u64 = 50_000_000;
-/// Tilt per horizontal acceleration and share of the weight per vertical one, for small ones \[s²/m\].
-const PER_GRAVITY_S2_M: f64 = 1.0 / 9.81;
 /// Largest share of the weight by which the thrust differs from it.
 const LIFT_MAX: f64 = 0.5;
+/// Thrust in weights of any set point here.
+const THRUST_WEIGHTS: [f64; 2] = [0.3, 2.0];
+/// Age of a reference from which on the vehicle lands, and how fast, as position controllers do \[ns, m/s\].
+const HOVER_NS: u64 = 2_000_000_000;
+const LANDING_M_S: f64 = 0.5;
 
 /// What is tracked at `now_ns` without a set point: T \[N\], φ, θ, ψ \[rad\]. The heading is the reference's, without one
 /// `yaw_rad`. Without a finite estimate it is level, and carries the weight.
 pub(super) fn setpoint(
     now_ns: u64,
-    weight_n: f64,
+    vehicle: Vehicle,
     yaw_rad: f64,
     estimate: Option<&StateEstimate>,
     reference: Option<&Reference>,
@@ -40,19 +43,35 @@ pub(super) fn setpoint(
         .zip(wanted)
         .and_then(|(estimate, wanted)| in_heading(estimate, wanted))
         .unwrap_or_default()
-        .map(|acceleration| PER_GRAVITY_S2_M * acceleration);
+        .map(|acceleration| acceleration / vehicle.gravity_m_s2);
     let tilt = |share: f64| share.clamp(-TILT_BOUND_RAD, TILT_BOUND_RAD);
     let (roll_rad, pitch_rad) = (-tilt(left), tilt(ahead));
     let lift = 1.0 + up.clamp(-LIFT_MAX, LIFT_MAX);
     // 1 / (cos φ cos θ) to second order.
     let by_tilt = 1.0 + 0.5 * (roll_rad * roll_rad + pitch_rad * pitch_rad);
     let yaw_rad = motion.map_or(yaw_rad, |motion| motion.yaw_rad);
-    [weight_n * lift * by_tilt, roll_rad, pitch_rad, yaw_rad]
+    [vehicle.weight_n * lift * by_tilt, roll_rad, pitch_rad, yaw_rad]
+}
+
+/// What is left of a last set point beside the law's: both together, within what a set point may ask for.
+pub(super) fn bounded([thrust_n, roll_rad, pitch_rad]: [f64; 3], vehicle: Vehicle) -> [f64; 3] {
+    let [least, most] = THRUST_WEIGHTS.map(|weights| weights * vehicle.weight_n);
+    let tilt = |angle_rad: f64| angle_rad.clamp(-TILT_BOUND_RAD, TILT_BOUND_RAD);
+    [thrust_n.clamp(least, most), tilt(roll_rad), tilt(pitch_rad)]
 }
 
 /// The share of what the last set point asked for beyond the law that is left after so long.
 pub(super) fn share_left(after_ns: u64) -> f64 {
     FADES_S / (FADES_S + after_ns as f64 * 1e-9)
+}
+
+/// The vehicle as the law knows it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Vehicle {
+    /// Its weight \[N\].
+    pub(super) weight_n: f64,
+    /// What makes it \[m/s²\].
+    pub(super) gravity_m_s2: f64,
 }
 
 /// Where to be and how to move, in W.
@@ -65,7 +84,8 @@ struct Motion {
 }
 
 impl Motion {
-    /// What the reference prescribes, with constant acceleration between its points; it rests at the last one.
+    /// What the reference prescribes, with constant acceleration between its points; it rests at the last one. Once it is
+    /// old, the way down.
     fn at(reference: &Reference, now_ns: u64) -> Self {
         let age_ns = now_ns.saturating_sub(reference.header.valid_ns);
         let spacing_ns = reference.spacing_ns.max(1);
@@ -85,10 +105,20 @@ impl Motion {
         let since_s = if rests { 0.0 } else { (age_ns % spacing_ns) as f64 * 1e-9 };
         let velocity = if rests { [0.0; 3] } else { from.velocity_w_m_s };
         let bend = slope(index);
+        let mut position = [0, 1, 2]
+            .map(|i| from.position_w_m[i] + (velocity[i] + 0.5 * bend[i] * since_s) * since_s);
+        let mut speed = [0, 1, 2].map(|i| velocity[i] + bend[i] * since_s);
+        let descent_m = LANDING_M_S * age_ns.saturating_sub(HOVER_NS) as f64 * 1e-9;
+        if descent_m > 0.0 {
+            let height_m = position[2];
+            position[2] = (height_m - descent_m).max(height_m.min(0.0));
+            if !rests || position[2] > 0.0 {
+                speed[2] -= LANDING_M_S;
+            }
+        }
         Self {
-            position_w_m: [0, 1, 2]
-                .map(|i| from.position_w_m[i] + (velocity[i] + 0.5 * bend[i] * since_s) * since_s),
-            velocity_w_m_s: [0, 1, 2].map(|i| velocity[i] + bend[i] * since_s),
+            position_w_m: position,
+            velocity_w_m_s: speed,
             acceleration_w_m_s2: slope(age_ns.saturating_add(LEAD_NS) / spacing_ns),
             yaw_rad: from.yaw_rad,
         }
@@ -132,6 +162,7 @@ mod tests {
     /// Looks to the north.
     const NORTH: Quaternion = Quaternion::from_array([FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2]);
     const WEIGHT_N: f64 = 2.0;
+    const VEHICLE: Vehicle = Vehicle { weight_n: WEIGHT_N, gravity_m_s2: 9.81 };
 
     fn moving(velocity_w_m_s: [f64; 3], q_wb: Quaternion) -> StateEstimate {
         StateEstimate { velocity_w_m_s, q_wb, ..StateEstimate::default() }
@@ -144,9 +175,9 @@ mod tests {
 
     #[test]
     fn without_a_reference_the_tilt_is_against_the_velocity_at_any_heading() {
-        let braking = |estimate: Option<&StateEstimate>| setpoint(0, WEIGHT_N, 0.7, estimate, None);
+        let braking = |estimate: Option<&StateEstimate>| setpoint(0, VEHICLE, 0.7, estimate, None);
         assert_near(braking(None), [WEIGHT_N, 0.0, 0.0, 0.7]);
-        let tilt = 0.1 * VELOCITY_GAIN_S * PER_GRAVITY_S2_M;
+        let tilt = 0.1 * VELOCITY_GAIN_S / VEHICLE.gravity_m_s2;
         let lifted = WEIGHT_N * (1.0 + 0.5 * tilt * tilt);
         let east = moving([0.1, 0.0, 0.0], Quaternion::IDENTITY);
         assert_near(braking(Some(&east)), [lifted, 0.0, -tilt, 0.7]);
@@ -162,7 +193,7 @@ mod tests {
     fn what_is_not_finite_is_not_followed() {
         let level = [WEIGHT_N, 0.0, 0.0, 0.7];
         let law = |estimate: &StateEstimate, reference: Option<&Reference>| {
-            setpoint(0, WEIGHT_N, 0.7, Some(estimate), reference)
+            setpoint(0, VEHICLE, 0.7, Some(estimate), reference)
         };
         assert_near(law(&moving([f64::NAN, 0.0, 0.0], NORTH), None), level);
         assert!(law(&moving([1.0; 3], Quaternion::default()), None).iter().all(|n| n.is_finite()));
@@ -195,7 +226,7 @@ mod tests {
             }
             let estimate = StateEstimate { position_w_m: position, ..moving(velocity, NORTH) };
             let [thrust_n, roll, pitch, _] =
-                setpoint(now_ns, WEIGHT_N, 0.0, Some(&estimate), Some(&reference));
+                setpoint(now_ns, VEHICLE, 0.0, Some(&estimate), Some(&reference));
             // Ahead is north, and left is west.
             let horizontal = thrust_n / WEIGHT_N * 9.81;
             let acceleration = [
@@ -223,6 +254,32 @@ mod tests {
         assert_eq!(bits(motion.position_w_m), bits([1.0, 2.0, 3.0]));
         assert_eq!(bits(motion.velocity_w_m_s), [0; 3]);
         assert_eq!(bits(motion.acceleration_w_m_s2), [0; 3]);
+    }
+
+    #[test]
+    fn without_a_new_reference_the_way_leads_down_to_the_ground_and_ends_there() {
+        let mut reference = Reference { spacing_ns: 50_000_000, count: 2, ..Reference::default() };
+        for point in &mut reference.points {
+            point.position_w_m = [1.0, 2.0, 1.5];
+        }
+        let down = |now_ns: u64| {
+            let motion = Motion::at(&reference, now_ns);
+            (motion.position_w_m[2], motion.velocity_w_m_s[2])
+        };
+        let near = |(a, b): (f64, f64), (c, d): (f64, f64)| (a - c).abs().max((b - d).abs()) < 1e-9;
+        assert!(near(down(2_000_000_000), (1.5, 0.0)), "{:?}", down(2_000_000_000));
+        assert!(near(down(4_000_000_000), (0.5, -0.5)), "{:?}", down(4_000_000_000));
+        assert!(near(down(60_000_000_000), (0.0, 0.0)), "{:?}", down(60_000_000_000));
+    }
+
+    #[test]
+    fn a_set_point_and_what_is_left_of_another_stay_within_bounds() {
+        let within = |[thrust_n, roll, pitch]: [f64; 3]| {
+            let [thrust_n, roll, pitch] = bounded([thrust_n, roll, pitch], VEHICLE);
+            [thrust_n, roll, pitch, 0.0]
+        };
+        assert_near(within([9.0, 0.1, -0.6]), [4.0, 0.1, -TILT_BOUND_RAD, 0.0]);
+        assert_near(within([-1.0, 0.6, 0.0]), [0.6, TILT_BOUND_RAD, 0.0, 0.0]);
     }
 
     #[test]

@@ -37,13 +37,13 @@ pub struct SetpointSlot {
     faded_ns: u64,
     excess: [f64; 3],
     limit: [f64; 4],
-    weight_n: f64,
+    vehicle: backup::Vehicle,
 }
 
 impl SetpointSlot {
-    /// Follows no seat yet; `weight_n` is the vehicle's.
+    /// Follows no seat yet; the weight is the vehicle's, and gravity what makes it.
     #[must_use]
-    pub fn new(weight_n: f64) -> Self {
+    pub fn new(weight_n: f64, gravity_m_s2: f64) -> Self {
         let tilt = STEP_SHARE * TILT_BOUND_RAD;
         // The heading comes from the reference whichever process owns the slot, and it wraps: never limited.
         let limit = [STEP_SHARE * weight_n, tilt, tilt, f64::INFINITY];
@@ -53,7 +53,7 @@ impl SetpointSlot {
             faded_ns: 0,
             excess: [0.0; 3],
             limit,
-            weight_n,
+            vehicle: backup::Vehicle { weight_n, gravity_m_s2 },
         }
     }
 
@@ -107,8 +107,8 @@ impl SetpointSlot {
     }
 
     /// Decides which set point counts at an instant. After a trip none counts until the fallback has had two periods to
-    /// see what the backup law asks for, or a record names another owner: the fallback continues from what is applied,
-    /// and would begin with what its predecessor has tripped for.
+    /// see what the backup law does, or a record names another owner: it would begin with what its predecessor has
+    /// tripped for.
     fn decide(&mut self, at_ns: u64) -> Option<Selection> {
         let record = self.arbiter.consumer.record().filter(|_| self.arbiter.is_revoked());
         let backup_ns = record.map_or(0, |record| {
@@ -122,8 +122,8 @@ impl SetpointSlot {
         self.arbiter.decide(at_ns, &self.limit)
     }
 
-    /// What is tracked in place of a set point of an owner that has tripped, until there is another's. A loop that has
-    /// tracked none keeps its first one.
+    /// What is tracked in place of a set point of an owner that has tripped, until there is another's, also by another
+    /// record. A loop that has tracked none keeps its first one.
     fn replace_tripped(
         &mut self,
         now_ns: u64,
@@ -131,9 +131,10 @@ impl SetpointSlot {
         reference: Option<&Reference>,
     ) -> Option<Command> {
         let Command { value: [.., yaw_rad], sequence, .. } = self.arbiter.given;
-        (self.arbiter.is_revoked() && sequence > 0).then(|| {
+        let has_none = self.arbiter.is_revoked() || self.arbiter.given_by.is_none();
+        (has_none && sequence > 0).then(|| {
             self.arbiter.forget_order();
-            let value = backup::setpoint(now_ns, self.weight_n, yaw_rad, estimate, reference);
+            let value = backup::setpoint(now_ns, self.vehicle, yaw_rad, estimate, reference);
             Command { value, ..Command::default() }
         })
     }
@@ -151,14 +152,16 @@ impl SetpointSlot {
         let from_ns = last.valid_until_ns.saturating_add(two_periods_ns);
         let since_ns = now_ns.checked_sub(from_ns.max(self.faded_ns))?;
         let [thrust, roll, pitch, yaw] =
-            backup::setpoint(now_ns, self.weight_n, yaw_rad, estimate, reference);
+            backup::setpoint(now_ns, self.vehicle, yaw_rad, estimate, reference);
         if self.faded_ns < from_ns {
             self.excess = [thrust_n - thrust, roll_rad - roll, pitch_rad - pitch];
         }
         let left = backup::share_left(since_ns);
         self.excess = self.excess.map(|excess| left * excess);
         let [more_n, roll_more, pitch_more] = self.excess;
-        let value = [thrust + more_n, roll + roll_more, pitch + pitch_more, yaw];
+        let sum = [thrust + more_n, roll + roll_more, pitch + pitch_more];
+        let [thrust_n, roll_rad, pitch_rad] = backup::bounded(sum, self.vehicle);
+        let value = [thrust_n, roll_rad, pitch_rad, yaw];
         self.faded_ns = now_ns;
         self.arbiter.replace_lapsed(value);
         Some(Command { value, ..Command::default() })

@@ -55,7 +55,7 @@ fn a_set_point_that_is_not_finite_is_its_writers_silence() {
     let (mut records, mut setpoints) = (Input::default(), Input::default());
     records.offer(OwnerRecord { epoch: 1, period_ns: [10, 0, 0, 0], ..OwnerRecord::default() });
     records.accept(0, None);
-    let mut slot = SetpointSlot::new(1.0);
+    let mut slot = SetpointSlot::new(1.0, 9.81);
     let mut take = |now_ns: u64, roll_rad: Option<f64>| {
         if let Some(roll_rad) = roll_rad {
             let header = Header { sequence: now_ns + 1, valid_ns: now_ns, ..Header::default() };
@@ -92,7 +92,7 @@ fn the_last_set_point_fades_when_its_end_is_two_periods_past() {
     reference.points[0].yaw_rad = 1.5;
     references.offer(reference);
     references.accept(0, None);
-    let mut slot = SetpointSlot::new(2.0);
+    let mut slot = SetpointSlot::new(2.0, 9.81);
     let (mut taken, mut headings) = (Vec::new(), Vec::new());
     for now_ms in (0..=3200).step_by(10) {
         if [0, 3200].contains(&now_ms) {
@@ -108,7 +108,7 @@ fn the_last_set_point_fades_when_its_end_is_two_periods_past() {
         headings.extend(command.map(|command| command.value[3]));
         if now_ms == 500 {
             let memory = slot.memory();
-            slot = SetpointSlot::new(2.0);
+            slot = SetpointSlot::new(2.0, 9.81);
             slot.restore(&memory);
         }
     }
@@ -149,7 +149,7 @@ fn after_a_trip_the_backup_law_flies_until_the_fallback_has_seen_it_for_two_peri
         instance: 0,
         ..Trip::default()
     });
-    let mut slot = SetpointSlot::new(2.0);
+    let mut slot = SetpointSlot::new(2.0, 9.81);
     let mut taken = Vec::new();
     for now_ns in (0..80).step_by(10) {
         for seat in 0..2 {
@@ -194,7 +194,7 @@ fn a_tripped_owners_set_point_is_not_carried_over_to_the_next_owner() {
         slot: Role::Position,
         ..Trip::default()
     });
-    let mut slot = SetpointSlot::new(2.0);
+    let mut slot = SetpointSlot::new(2.0, 9.81);
     let mut taken = Vec::new();
     for now_ns in [0, 10, 20, 30] {
         if now_ns == 0 {
@@ -211,6 +211,6 @@ fn a_tripped_owners_set_point_is_not_carried_over_to_the_next_owner() {
             slot.take(now_ns, &records, &setpoints, &trips, (&Input::default(), &Input::default()));
         taken.push(command.map(|command| command.value[1]));
     }
-    // The owner of the second record has published nothing yet: the last one stays, level without an estimate.
-    assert_eq!(taken, [Some(0.3), Some(0.0), None, None]);
+    // The owner of the second record has published nothing yet: the backup law flies on, level without an estimate.
+    assert_eq!(taken, [Some(0.3), Some(0.0), Some(0.0), Some(0.0)]);
 }
