@@ -5,7 +5,7 @@ use super::options::{BranchArguments, Format, ReplayArguments};
 use super::refusal::Done;
 use experiments::branch::sweep::{Interrupted, Sweep};
 use experiments::branch::{At, Branch, BranchError, Change, ChangeError, FlownBranch, run_branch};
-use experiments::campaign::{Axis, Case, Outcome, quoted, report, values};
+use experiments::campaign::{Axis, Case, MAX_CASES, Outcome, quoted, report, values};
 use figures::results::{ResultsError, ResultsFolder};
 use host::exit;
 use miette::Diagnostic;
@@ -217,6 +217,19 @@ fn in_json(branch: &Branch, run: &str, same: u64, first: Option<&Difference>) ->
     })
 }
 
+/// Refuses a sweep of more cases than a campaign may have, and one that sets a key twice.
+fn refuse_unflyable(axes: &[Axis], seeds: &[u64]) -> Result<(), Trouble> {
+    let counts = axes.iter().map(|axis| axis.values.len()).chain([seeds.len()]);
+    if counts.fold(1, usize::saturating_mul) > MAX_CASES {
+        let what = format!("the sweep has more than {MAX_CASES} cases");
+        return Err(argument(what, "take fewer values, or fewer seeds"));
+    }
+    let mut others = axes.iter().enumerate();
+    let twice = others.find(|(at, axis)| axes[..*at].iter().any(|before| before.key == axis.key));
+    let Some((_, Axis { key, .. })) = twice else { return Ok(()) };
+    Err(argument(format!("{key} is swept twice"), "write all its values into one --sweep"))
+}
+
 fn fly_many(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     let (file, arguments) = (&replay.file, &replay.branch);
     let change = change(replay);
@@ -233,7 +246,9 @@ fn fly_many(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     let own = branch.scenario().settings().scenario.seed;
     let one = vec![arguments.seed.unwrap_or(own)];
     let reseed = seeds.is_some() || arguments.seed.is_some();
-    let cases = Case::all(&axes, &seeds.unwrap_or(one));
+    let seeds = seeds.unwrap_or(one);
+    refuse_unflyable(&axes, &seeds)?;
+    let cases = Case::all(&axes, &seeds);
     let sweep = Sweep { branch: &branch, change: &change, axes: &axes, reseed };
     refuse_misspelt(&sweep, &cases)?;
     let stop = StopFlags::watch_signals().map_err(Trouble::Signals)?;
@@ -255,7 +270,7 @@ fn fly_many(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
             json.to_string()
         }
         Format::Text => format!(
-            "{}\n{} branches of run {run} at {} s; all figures are of what was flown since then\n{}\n{}\n\
+            "{}\n{} branches of run {run} at {} s; figures of the vehicle are of what was flown since then, those of the loops of the whole flight\n{}\n{}\n\
              (the commands print the same figures as `since the branch`)\nwrote {}",
             report::line(&format!("branches of run {run}"), &flown),
             flown.len(),

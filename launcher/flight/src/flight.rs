@@ -269,7 +269,7 @@ impl Flight {
                 return Outcome::Lost(error.to_string());
             }
             self.look_at_processes(now_ns);
-            if let Err(error) = self.answer(now_ns) {
+            if let Err(error) = self.answer(mono_now_ns()) {
                 return Outcome::Lost(error.to_string());
             }
             self.look_at_files(now_ns);
@@ -304,7 +304,10 @@ impl Flight {
         orders.retain(|(request, answer)| {
             let goes_on = *request != Request::Stop;
             if !goes_on {
-                self.stop.request();
+                // A second one does not kill what leaves in order, as a second signal does.
+                if !self.conductor.is_cut_short() {
+                    self.stop.request();
+                }
                 answer.send(Reply::Done(Done::stopping()));
             }
             goes_on

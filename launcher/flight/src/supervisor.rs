@@ -296,6 +296,7 @@ impl Supervisor {
     /// reason is reported: what is ordered in flight never ends the flight.
     pub(super) fn spawn(&mut self, bus: &Bus, seat: Seat, spec: ChildSpec) {
         self.expected.retain(|own| own.seat != seat);
+        self.put_off.retain(|(waiting, _)| *waiting != seat);
         if let Some(no_room) = self.no_room_for(&spec.name) {
             return self.never_started(seat, &no_room);
         }

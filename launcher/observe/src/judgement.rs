@@ -130,7 +130,7 @@ fn worst_of(loops: &[LoopStats], count: impl Fn(&LoopStats) -> u64) -> Misses {
     let mut worst = Misses::default();
     for stats in loops {
         let count = count(stats);
-        let share = count as f64 / (stats.steps + stats.skipped).max(1) as f64;
+        let share = count as f64 / stats.steps.saturating_add(stats.skipped).max(1) as f64;
         if count > 0 && share > worst.share {
             let of = seat_name(stats);
             worst = Misses { count, share, of };

@@ -86,9 +86,10 @@ impl Metrics {
     /// clipping are judged from here on. An attitude step is still the whole one.
     pub fn judge_from_here(&mut self) {
         let before = core::mem::take(self);
-        let Self { tracker, loops, gate, response, commands, evidence, .. } = before;
+        let Self { tracker, loops, owners, gate, response, commands, evidence, .. } = before;
         let (tracker, commands, evidence) = (tracker.anew(), commands.anew(), evidence.anew());
-        *self = Self { tracker, loops, gate, evidence, response, commands, ..Self::default() };
+        *self =
+            Self { tracker, loops, owners, gate, evidence, response, commands, ..Self::default() };
     }
 
     /// Judges by what another scenario allows, of the same kind of flight.

@@ -133,7 +133,7 @@ impl Tracker {
         self.squares += error_m * error_m;
         self.tracking.max_m = worst(self.tracking.max_m, error_m);
         self.recent.push_back((t_ns, error_m));
-        while self.recent.front().is_some_and(|(t, _)| t + 1_000_000_000 <= t_ns) {
+        while self.recent.front().is_some_and(|(t, _)| t.saturating_add(1_000_000_000) <= t_ns) {
             self.recent.pop_front();
         }
     }

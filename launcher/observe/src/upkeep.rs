@@ -39,7 +39,7 @@ impl Upkeep {
     /// Page faults of warm loops while no process came or left.
     #[must_use]
     pub fn page_faults(&self) -> u64 {
-        self.sum(|stats| stats.minor_faults + stats.major_faults)
+        self.sum(|stats| stats.minor_faults.saturating_add(stats.major_faults))
     }
 
     /// For machines: each loop's counts.
@@ -79,7 +79,7 @@ impl fmt::Display for Upkeep {
         writeln!(f)?;
         for (name, stats) in &self.loops {
             let LoopStats { allocations, minor_faults, major_faults, .. } = stats;
-            if minor_faults + major_faults + allocations > 0 {
+            if [minor_faults, major_faults, allocations].into_iter().any(|count| *count > 0) {
                 writeln!(
                     f,
                     "  upkeep       {name}: {minor_faults} page faults in memory, {major_faults} from disk, {allocations} allocations"

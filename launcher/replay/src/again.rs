@@ -84,9 +84,12 @@ impl Again<'_> {
         let restored = handed.filter(fits);
         let joined = match (handed, restored) {
             (Some(state), None) => {
-                let at_ns = state_header(state).release_ns + 1;
+                let at_ns = state_header(state).release_ns.saturating_add(1);
                 let at_ns = life.joined.map_or(at_ns, |(join_ns, _)| join_ns);
-                Some((at_ns, node.rate.release_ns(node.rate.first_at_or_after(at_ns)) + 1))
+                Some((
+                    at_ns,
+                    node.rate.release_ns(node.rate.first_at_or_after(at_ns)).saturating_add(1),
+                ))
             }
             _ => life.joined,
         };

@@ -12,7 +12,7 @@ use super::tapes::{Recorded, Tapes, load};
 use components::build_service;
 use core::convert::Infallible;
 use record::read::RecordedFlight;
-use record::{RecordError, Recording};
+use record::{Clock, Facts, RecordError, Recording};
 use runtime::{Layout, Node};
 use scenario::services::Assignment;
 use scenario::{Override, Scenario};
@@ -152,7 +152,9 @@ pub fn write_outputs(
     let (recorded, flown) = flown(flight, selection, &topics)?;
     let (service, scenario) = (flown.service(), changed(flight, overrides)?);
     let replayed = fly_again(flight, (role, service), &scenario, &recorded, &flown.lives)?;
-    let recording = Recording::create(out, &flight.to_facts())?;
+    // The steps are flown again without a clock: all that their samples have is logical time.
+    let facts = Facts { clock: Clock::Lockstep, ..flight.to_facts() };
+    let recording = Recording::create(out, &facts)?;
     let mut write = Write { tapes: &replayed.tapes, recording };
     let component =
         build_service(service, flight.scenario()).map_err(ReplayError::component(role))?;
@@ -229,7 +231,10 @@ impl TopicVisitor for Compare<'_> {
                 }
                 let difference = (is.value() - was.value()).abs();
                 sum.differing += 1;
-                sum.max = sum.max.max(difference);
+                // What is no number is the largest.
+                if difference.is_nan() || difference > sum.max {
+                    sum.max = difference;
+                }
                 sum.squares += difference * difference;
             }
         }

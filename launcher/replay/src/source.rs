@@ -157,9 +157,8 @@ impl Exceptions {
                 begins == u64::MAX || last.header().sequence.checked_add(1) == Some(begins)
             });
             let at = match self.last.get(known) {
-                Some(&last) if first > 0 => {
-                    samples.partition_point(|s| s.header().sequence < first.max(last + 1))
-                }
+                Some(&last) if first > 0 => samples
+                    .partition_point(|s| s.header().sequence < first.max(last.saturating_add(1))),
                 None if first == 0 && follows => samples.len() - 1,
                 _ => continue,
             };

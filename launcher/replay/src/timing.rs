@@ -43,7 +43,8 @@ pub fn timing_of(path: &Path) -> Result<String, TimingError> {
     let mut stamps = Stamps { graph: &graph, steps, left_out, several: None };
     let closing = flight.visit(&mut stamps)?;
     closing.require_no_holes(path)?;
-    if !closing.complete {
+    let lacks = closing.audit.values().any(|tally| !tally.contains("\"gaps\":0,"));
+    if !closing.complete || lacks || flight.continued().is_some() {
         return Err(TimingError::Incomplete);
     }
     if let Some(role) = stamps.several {

@@ -121,7 +121,7 @@ impl Branch {
         let graph = scenario.graph().map_err(InProcessError::from)?;
         let at_ns = at.instant_ns(graph.node(Role::Plant).map(|plant| plant.rate));
         let last = tape.samples(&topics::TRUTH).last();
-        let end_ns = last.map_or(0, |truth| truth.header.release_ns + 1);
+        let end_ns = last.map_or(0, |truth| truth.header.release_ns.saturating_add(1));
         // The recorder takes the topics in turn: at a cut, one may be this far behind another.
         let recorded_ns = if complete { end_ns } else { end_ns.saturating_sub(CREDIT_NS + 1) };
         if at_ns >= recorded_ns {

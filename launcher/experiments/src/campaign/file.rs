@@ -13,7 +13,7 @@ use thiserror::Error;
 use toml::{Spanned, Value};
 
 /// Cases of the largest campaign.
-const MAX_CASES: usize = 10_000_000;
+pub const MAX_CASES: usize = 10_000_000;
 
 /// The section of what loops do when they are late.
 const REALTIME: &str = "realtime";

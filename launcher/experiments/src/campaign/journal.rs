@@ -132,10 +132,11 @@ impl Journal {
     fn append(&mut self, line: &impl Serialize) -> Result<(), JournalError> {
         let mut bytes = serde_json::to_vec(line).unwrap_or_default();
         bytes.push(b'\n');
-        self.file.write_all(&bytes).map_err(|source| JournalError::File {
-            action: "write",
-            path: self.path.clone(),
-            source,
+        let before = self.file.metadata().map(|found| found.len());
+        self.file.write_all(&bytes).map_err(|source| {
+            // A part of a line would run into the next one.
+            let _ = before.and_then(|length| self.file.set_len(length));
+            JournalError::File { action: "write", path: self.path.clone(), source }
         })
     }
 }
@@ -151,10 +152,11 @@ fn read(
     let Some(head) = lines.next() else { return Ok(BTreeMap::new()) };
     let theirs: Identity = serde_json::from_slice(head).map_err(|_| damaged(0))?;
     if theirs != *identity {
-        let what = if theirs.campaign == identity.campaign {
-            "by another build of morphquad"
-        } else {
+        // What a case is depends on the build as well.
+        let what = if theirs.build == identity.build {
             "for another campaign file or scenario"
+        } else {
+            "by another build of morphquad"
         };
         return Err(JournalError::Changed { path: path.to_owned(), what, finished: lines.count() });
     }

@@ -12,7 +12,7 @@ pub mod report;
 pub mod values;
 
 pub use case::{Axis, Base, Case, quoted};
-pub use file::{FileError, Plan};
+pub use file::{FileError, MAX_CASES, Plan};
 pub use journal::{Identity, Journal, JournalError};
 pub use outcome::{Outcome, Verdict, fly, fly_on};
 

@@ -108,7 +108,7 @@ impl Outcome {
         let verdict = Verdict::from(judged.grade());
         let axes = metrics.step_response();
         let worst = |of: fn(&observe::AxisResponse) -> f64| {
-            axes.map(|axes| axes.iter().map(of).fold(0.0, f64::max))
+            axes.map(|axes| axes.iter().map(of).fold(0.0, verdict::worst))
         };
         let cell = |name: &str, kind: Kind| match (name, kind) {
             ("outcome", _) => verdict.word().into(),

@@ -37,6 +37,8 @@ const CLIENTS: usize = 8;
 const FLUSH_LIMIT_NS: u64 = 5_000_000_000;
 /// How long a client may take to ask, and to read anything at all once its buffer is full \[ns\].
 const PATIENCE_NS: u64 = 5_000_000_000;
+/// How long no new client is let in after the system had no room for one \[ns\].
+const DEAF_NS: u64 = 100_000_000;
 /// How often the queue is looked at while a client listens \[ns\].
 const LOOK_EVERY_NS: i64 = 10_000_000;
 /// In place of a topic: so many samples have been dropped.
@@ -160,6 +162,7 @@ impl Feed {
             counted_dropped: 0,
             clients: Vec::new(),
             flying,
+            deaf_until_ns: 0,
         };
         let thread = Builder::new().name("topics".to_owned()).spawn(move || acceptor.serve())?;
         Ok(Self { shared, frames, bell, thread: Some(thread), path, flying })
@@ -246,6 +249,8 @@ struct Acceptor {
     counted_dropped: u64,
     clients: Vec<Client>,
     flying: Flying,
+    /// Until when no client is let in, after the system had no room for one \[ns\].
+    deaf_until_ns: u64,
 }
 
 impl Acceptor {
@@ -306,16 +311,31 @@ impl Acceptor {
     fn wait(&self) -> io::Result<()> {
         let mut fds =
             [PollFd::new(&*self.bell, PollFlags::IN), PollFd::new(&self.listener, PollFlags::IN)];
+        let is_deaf = self.is_deaf();
+        let fds = if is_deaf { &mut fds[..1] } else { &mut fds[..] };
         let moment = Timespec { tv_sec: 0, tv_nsec: LOOK_EVERY_NS };
-        let limit = (!self.clients.is_empty()).then_some(&moment);
-        match poll(&mut fds, limit) {
+        let limit = (is_deaf || !self.clients.is_empty()).then_some(&moment);
+        match poll(fds, limit) {
             Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
             Err(error) => Err(error.into()),
         }
     }
 
+    fn is_deaf(&self) -> bool {
+        mono_now_ns() < self.deaf_until_ns
+    }
+
     fn let_in(&mut self) {
-        while let Ok((stream, _)) = self.listener.accept() {
+        while !self.is_deaf() {
+            let stream = match self.listener.accept() {
+                Ok((stream, _)) => stream,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return,
+                Err(_) => {
+                    // It would be heard at once again, and as often as a processor can.
+                    self.deaf_until_ns = mono_now_ns() + DEAF_NS;
+                    return;
+                }
+            };
             if stream.set_nonblocking(true).is_err() {
                 continue;
             }

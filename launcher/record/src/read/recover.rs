@@ -182,6 +182,8 @@ fn copy(
             return Err(error.into());
         }
         let (first, unknown) = (describe(&error), copy.unknown);
+        // A copy of a copy lacks what that one has lacked.
+        let left_out = copy.left_out_before.saturating_add(left_out);
         copy.recovered.damage = Some(Damage { first, left_out, end, unknown });
     }
     copy.finish(from).map_err(write)
@@ -207,6 +209,8 @@ struct Copy {
     recovered: Recovered,
     /// Messages of channels of which nothing is known.
     unknown: u64,
+    /// Bytes that the old file lacks already, being a copy itself.
+    left_out_before: u64,
 }
 
 impl Copy {
@@ -220,6 +224,7 @@ impl Copy {
             audit: SequenceAudit::default(),
             recovered: Recovered::default(),
             unknown: 0,
+            left_out_before: 0,
         }
     }
 
@@ -273,7 +278,11 @@ impl Copy {
             }
             Record::Message { header, data } => self.message(header, &data)?,
             // Of what the old file held, which this one may not.
-            Record::Metadata(metadata) if [AUDIT, RECOVERED].contains(&metadata.name.as_str()) => {}
+            Record::Metadata(metadata) if metadata.name == AUDIT => {}
+            Record::Metadata(metadata) if metadata.name == RECOVERED => {
+                let left_out = metadata.metadata.get("left_out").and_then(|text| text.parse().ok());
+                self.left_out_before = left_out.unwrap_or(0);
+            }
             Record::Metadata(metadata) => {
                 self.is_ours |= metadata.name == "run";
                 self.writer.write_metadata(&metadata)?;
@@ -321,6 +330,8 @@ impl Copy {
         if let Some(damage) = &self.recovered.damage {
             about.insert("damage".to_owned(), damage.first.clone());
             about.insert("left_out".to_owned(), damage.left_out.to_string());
+        } else if self.left_out_before > 0 {
+            about.insert("left_out".to_owned(), self.left_out_before.to_string());
         }
         for (name, metadata) in [(AUDIT, self.audit.to_metadata()), (RECOVERED, about)] {
             self.writer.write_metadata(&Metadata { name: name.to_owned(), metadata })?;

@@ -151,7 +151,11 @@ impl Planner {
 
     /// Goes on from the last orders that another launcher had published.
     pub fn go_on(&mut self, guidance: &GuidanceOrder, disturbance: &DisturbanceOrder) {
-        (self.guidance, self.disturbance) = (*guidance, *disturbance);
+        // Without an order since it began, a flight that was taken up goes on with the one that it had.
+        if guidance.header.sequence > 0 {
+            self.guidance = *guidance;
+        }
+        self.disturbance = *disturbance;
     }
 
     /// How long a landing takes from the highest place that the vehicle has been sent to \[s\].

@@ -246,7 +246,7 @@ impl Gatekeeper {
         }
         let figures = self.gate.figures();
         let own = (figures.tracked + figures.free) / STEPS_PER_PARDON + 1;
-        let allowed = if self.patient { own + self.owner_missed.count() } else { 0 };
+        let allowed = if self.patient { own.saturating_add(self.owner_missed.count()) } else { 0 };
         self.gate.misses(self.candidate_missed.count(), allowed, at_ns);
     }
 

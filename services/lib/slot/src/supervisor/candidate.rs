@@ -223,11 +223,17 @@ impl SlotMachine {
     }
 
     /// The window is over: the new owner stays, and the old one leaves unless it is to be the
-    /// fallback of one that is not trusted.
-    pub(super) fn commit(&mut self, now: Now, new: Seat, old: Seat, out: &mut Vec<Action>) {
+    /// fallback of one that is not trusted, which it is not if it has been told to leave.
+    pub(super) fn commit(
+        &mut self,
+        now: Now,
+        (new, old): (Seat, Seat),
+        may_stay: bool,
+        out: &mut Vec<Action>,
+    ) {
         out.push(Action::Report(Report::Done(new, Outcome::Swapped)));
         let Phase::Window { until_ns, order, .. } = self.phase else { return };
-        let stays = !order.trusted && self.keep_as_fallback(old, order.shadow_ns);
+        let stays = may_stay && !order.trusted && self.keep_as_fallback(old, order.shadow_ns);
         self.untrusted = (!order.trusted).then_some(new);
         if order.trusted {
             self.drop_automatic_standby(out);

@@ -150,7 +150,9 @@ impl SlotMachine {
             }
             // The newest record is already another's; without it there is no window.
             Phase::Flipping { old, .. } if old == seat => {}
-            Phase::Window { new, old, .. } if old == seat => self.commit(now, new, old, out),
+            Phase::Window { new, old, .. } if old == seat => {
+                self.commit(now, (new, old), true, out);
+            }
             Phase::Reverting { from, .. } if from == seat => {
                 self.reverted(now, at_ns, out);
             }

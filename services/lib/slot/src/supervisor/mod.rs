@@ -371,7 +371,7 @@ impl SlotMachine {
             }
             Phase::Shadowing { until_ns, stage: Stage::Free, .. } if due(until_ns) => self.ask(out),
             Phase::Window { new, old, until_ns, .. } if due(until_ns) => {
-                self.commit(now, new, old, out);
+                self.commit(now, (new, old), true, out);
             }
             Phase::Flipping { new, order, ref mut ends_ns, .. } if due(*ends_ns) => {
                 // Not confirmed until now, so that the window begins later.

@@ -155,7 +155,7 @@ impl SlotMachine {
                 let until_ns = at_ns.saturating_add(order.rollback_ns);
                 self.phase = Phase::Window { new, old, until_ns, order };
                 if !self.instances.is_seated(old) {
-                    self.commit(now, new, old, out);
+                    self.commit(now, (new, old), true, out);
                 }
             }
             Phase::Reverting { epoch: since, .. } if epoch >= since => {

@@ -108,7 +108,9 @@ impl SlotMachine {
                 self.abort(now, seat, Reason::Retired, out);
             }
             _ if self.ledger.owner() == Some(seat) => return Err(Reason::OwnsTheSlot(seat)),
-            Phase::Window { new, old, .. } if old == seat => self.commit(now, new, old, out),
+            Phase::Window { new, old, .. } if old == seat => {
+                self.commit(now, (new, old), false, out);
+            }
             // It leaves by itself in a moment.
             Phase::Reverting { from, .. } if from == seat => {}
             Phase::Flipping { new, .. } => return Err(Reason::Busy(new)),

@@ -152,6 +152,11 @@ fn a_trusted_owner_needs_no_fallback_and_one_that_is_not_wanted_is_not_kept() {
     let mut bench = Bench::watched(SlotConfig::REALTIME);
     bench.confirm().on(Event::Request(Request::Retire(SEAT[0])));
     assert_eq!(bench.record().fallback, None, "until it is retired");
+    let mut bench = Bench::in_window(SlotConfig::REALTIME);
+    bench.on(Event::Request(Request::Retire(SEAT[0])));
+    let record = bench.record();
+    assert_eq!((record.owner, record.fallback), (SEAT[1], None), "also in the window");
+    assert_eq!(record.period_ns[0], 0, "it has left");
 }
 
 #[test]
