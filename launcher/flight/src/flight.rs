@@ -208,6 +208,8 @@ struct Flight {
     clock_reader: LatestPort<ClockRecord>,
     progress: Option<indicatif::ProgressBar>,
     notices: Vec<String>,
+    /// It has been asked to end before its time.
+    is_interrupted: bool,
     /// What standard error has not taken yet.
     unshown: VecDeque<Vec<u8>>,
 }
@@ -215,7 +217,6 @@ struct Flight {
 impl Flight {
     /// The launcher's main loop: drain, conduct, look after all processes.
     fn fly(&mut self) -> Outcome {
-        let mut interrupted = false;
         let mut leave_by_ns = u64::MAX;
         let watchdog = Watchdog::of(self.supervisor.folder().to_owned());
         loop {
@@ -237,13 +238,13 @@ impl Flight {
             self.conductor.serve_late_joiners();
             if self.supervisor.all_finished() {
                 self.tap.drain(mono_now_ns());
-                return if interrupted { Outcome::Interrupted } else { Outcome::Flown };
+                return if self.is_interrupted { Outcome::Interrupted } else { Outcome::Flown };
             }
             if self.stop.take_signal() {
-                if interrupted {
+                if self.is_interrupted {
                     return Outcome::Killed;
                 }
-                interrupted = true;
+                self.is_interrupted = true;
                 leave_by_ns = now_ns + LEAVE_LIMIT_NS;
                 self.end_early(now_ns);
             }
@@ -305,7 +306,7 @@ impl Flight {
             let goes_on = *request != Request::Stop;
             if !goes_on {
                 // A second one does not kill what leaves in order, as a second signal does.
-                if !self.conductor.is_cut_short() {
+                if !self.is_interrupted {
                     self.stop.request();
                 }
                 answer.send(Reply::Done(Done::stopping()));

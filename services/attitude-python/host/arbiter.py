@@ -329,7 +329,7 @@ class SetPoints:
             self._excess = tuple(value - own for value, own in zip(last.value, law))
         left = FADES_S / (FADES_S + since_ns * 1e-9)
         self._excess = tuple(left * excess for excess in self._excess)
-        value = (*together(law, self._excess, self._vehicle), yaw_rad)
+        value = (*together(law, self._excess, last.value, self._vehicle), yaw_rad)
         self._faded_ns = t_ns
         self._arbiter.replace_lapsed(value)
         return Command(value, 0, None, 0, 0)

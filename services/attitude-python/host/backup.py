@@ -43,11 +43,13 @@ def acceleration_of(estimate, motion):
     )
 
 
-def together(law, excess, vehicle):
-    """Thrust, roll and pitch of the law with what is left of a last set point, within what a set point may ask for."""
+def together(law, excess, before, vehicle):
+    """Thrust, roll and pitch of the law with what is left of a last set point, within what a set point may ask for, or what
+    was followed before, where that is more: nothing jumps."""
     thrust_n, *angles_rad = (own + more for own, more in zip(law, excess))
     least, most = (weights * vehicle.weight_n for weights in THRUST_WEIGHTS)
-    return (min(max(thrust_n, least), most), *(bounded(angle, TILT_BOUND_RAD) for angle in angles_rad))
+    tilts = (bounded(angle, max(TILT_BOUND_RAD, abs(was))) for angle, was in zip(angles_rad, before[1:3]))
+    return (min(max(thrust_n, min(least, before[0])), max(most, before[0])), *tilts)
 
 
 def bounded(value, most):

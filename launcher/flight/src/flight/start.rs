@@ -212,6 +212,7 @@ impl Flight {
             clock_reader,
             progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),
             notices: Vec::new(),
+            is_interrupted: false,
             unshown: VecDeque::new(),
         })
     }

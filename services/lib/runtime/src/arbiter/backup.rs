@@ -53,11 +53,15 @@ pub(super) fn setpoint(
     [vehicle.weight_n * lift * by_tilt, roll_rad, pitch_rad, yaw_rad]
 }
 
-/// What is left of a last set point beside the law's: both together, within what a set point may ask for.
-pub(super) fn bounded([thrust_n, roll_rad, pitch_rad]: [f64; 3], vehicle: Vehicle) -> [f64; 3] {
+/// What is left of a last set point beside the law's: both together, T, φ and θ, within what a set point may ask for, or
+/// what was tracked `before`, where that is more: nothing jumps.
+pub(super) fn bounded(sum: [f64; 3], before: [f64; 3], vehicle: Vehicle) -> [f64; 3] {
     let [least, most] = THRUST_WEIGHTS.map(|weights| weights * vehicle.weight_n);
-    let tilt = |angle_rad: f64| angle_rad.clamp(-TILT_BOUND_RAD, TILT_BOUND_RAD);
-    [thrust_n.clamp(least, most), tilt(roll_rad), tilt(pitch_rad)]
+    let tilt = |i: usize| {
+        let most_rad = TILT_BOUND_RAD.max(before[i].abs());
+        sum[i].clamp(-most_rad, most_rad)
+    };
+    [sum[0].clamp(least.min(before[0]), most.max(before[0])), tilt(1), tilt(2)]
 }
 
 /// The share of what the last set point asked for beyond the law that is left after so long.
@@ -274,12 +278,14 @@ mod tests {
 
     #[test]
     fn a_set_point_and_what_is_left_of_another_stay_within_bounds() {
-        let within = |[thrust_n, roll, pitch]: [f64; 3]| {
-            let [thrust_n, roll, pitch] = bounded([thrust_n, roll, pitch], VEHICLE);
+        let within = |sum: [f64; 3], before: [f64; 3]| {
+            let [thrust_n, roll, pitch] = bounded(sum, before, VEHICLE);
             [thrust_n, roll, pitch, 0.0]
         };
-        assert_near(within([9.0, 0.1, -0.6]), [4.0, 0.1, -TILT_BOUND_RAD, 0.0]);
-        assert_near(within([-1.0, 0.6, 0.0]), [0.6, TILT_BOUND_RAD, 0.0, 0.0]);
+        let rest = [WEIGHT_N, 0.0, 0.0];
+        assert_near(within([9.0, 0.1, -0.6], rest), [4.0, 0.1, -TILT_BOUND_RAD, 0.0]);
+        assert_near(within([-1.0, 0.6, 0.0], rest), [0.6, TILT_BOUND_RAD, 0.0, 0.0]);
+        assert_near(within([5.0, 0.6, -0.5], [4.5, -0.5, 0.6]), [4.5, 0.5, -0.5, 0.0]);
     }
 
     #[test]

@@ -160,7 +160,8 @@ impl SetpointSlot {
         self.excess = self.excess.map(|excess| left * excess);
         let [more_n, roll_more, pitch_more] = self.excess;
         let sum = [thrust + more_n, roll + roll_more, pitch + pitch_more];
-        let [thrust_n, roll_rad, pitch_rad] = backup::bounded(sum, self.vehicle);
+        let [thrust_n, roll_rad, pitch_rad] =
+            backup::bounded(sum, [thrust_n, roll_rad, pitch_rad], self.vehicle);
         let value = [thrust_n, roll_rad, pitch_rad, yaw];
         self.faded_ns = now_ns;
         self.arbiter.replace_lapsed(value);
