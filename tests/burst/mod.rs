@@ -12,7 +12,7 @@ use runtime::ipc::{
 use runtime::namespace::Membership;
 use runtime::{Graph, Sink as _, StateHeader, StateSink as _};
 use shared_types::wire::Value as _;
-use shared_types::{Edge, Header, Registry, Role, Sample, Seat, Topic};
+use shared_types::{Edge, Header, Registry, Role, Sample, Seat, Topic, TopicInfo, topics};
 use simulate::alone::{End, Ended, sum_up};
 use simulate::in_process::{Conclusion, InProcess, StateSource};
 use simulate::setup::{RunError, RunOptions, facts, recording_path, system};
@@ -70,7 +70,25 @@ struct Samples<T: Sample> {
     topic: &'static Topic<T>,
     samples: Vec<T>,
     numbers: Numbers,
-    sink: Option<IpcSink<T>>,
+    /// By the role of the process that publishes; what only one process does is under that one.
+    sinks: BTreeMap<u32, IpcSink<T>>,
+}
+
+impl<T: Sample> Samples<T> {
+    /// Role of the process that publishes a sample.
+    fn writer_of(&self, sample: &T) -> u32 {
+        /// Loops and their lives are numbered so that this is left of the number's division by it.
+        const ROLES: u32 = 8;
+        let producer = self.topic.info.from;
+        if is_about_itself(&self.topic.info) { sample.header().seat % ROLES } else { producer.0 }
+    }
+}
+
+/// Whether each process publishes what it has to report of itself.
+fn is_about_itself(topic: &TopicInfo) -> bool {
+    topic.from == Role::Supervisor
+        && topic.edge == Edge::RecordOnly
+        && topic.name != topics::SEATING.info.name
 }
 
 impl<T: Sample> Lane for Samples<T> {
@@ -83,17 +101,22 @@ impl<T: Sample> Lane for Samples<T> {
     }
 
     fn open(&mut self, buses: &Buses<'_>) -> Result<(), PortError> {
-        let producer = buses.graph.producer(&self.topic.info);
-        let is_announced = producer == Role::Supervisor && self.topic.info.edge != Edge::RecordOnly;
-        let bus = if is_announced { buses.own } else { buses.of(producer) };
-        self.sink = Some(bus.writer(self.topic)?);
+        if is_about_itself(&self.topic.info) {
+            for (role, bus) in &buses.others {
+                self.sinks.insert(role.0, bus.writer(self.topic)?);
+            }
+            return Ok(());
+        }
+        let bus = buses.of(buses.graph.producer(&self.topic.info));
+        self.sinks.insert(self.topic.info.from.0, bus.writer(self.topic)?);
         Ok(())
     }
 
     fn send(&mut self, later_ns: u64) {
         let mut sample = self.samples[self.numbers.take(self.samples.len())];
         self.numbers.set(sample.header_mut(), later_ns);
-        if let Some(sink) = &mut self.sink {
+        let writer = self.writer_of(&sample);
+        if let Some(sink) = self.sinks.get_mut(&writer) {
             sink.send(&sample);
         }
     }
@@ -162,8 +185,12 @@ impl Tape {
 
 impl Observer for Tape {
     fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
-        let new =
-            || Samples { topic, samples: Vec::new(), numbers: Numbers::default(), sink: None };
+        let new = || Samples {
+            topic,
+            samples: Vec::new(),
+            numbers: Numbers::default(),
+            sinks: BTreeMap::new(),
+        };
         let lane: &mut Samples<T> = self.lane(topic.info.name, new);
         lane.numbers.learn(sample.header());
         lane.samples.push(*sample);
@@ -190,9 +217,7 @@ struct Buses<'a> {
 
 impl Buses<'_> {
     fn of(&self, role: Role) -> &Bus {
-        // What every process writes about itself may come from any process in the registry.
-        let first = || self.others.values().next();
-        self.others.get(&role).or_else(first).unwrap_or(self.own)
+        self.others.get(&role).unwrap_or(self.own)
     }
 }
 
