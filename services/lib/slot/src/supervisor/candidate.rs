@@ -223,7 +223,7 @@ impl SlotMachine {
     }
 
     /// The window is over: the new owner stays, and the old one leaves unless it is to be the
-    /// fallback of one that is not trusted, which it is not if it has been told to leave.
+    /// fallback of one that is not trusted, which it is not if it is to leave.
     pub(super) fn commit(
         &mut self,
         now: Now,
