@@ -254,7 +254,7 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Starts a process that is due; none as long as there is no room for it.
+    /// Starts a process that is due; none as long as it cannot be and is put off.
     fn start_again(
         &mut self,
         index: usize,

@@ -209,7 +209,7 @@ struct Copy {
     recovered: Recovered,
     /// Messages of channels of which nothing is known.
     unknown: u64,
-    /// Bytes that the old file lacks already, being a copy itself.
+    /// Parts that the old file lacks already, being a copy itself.
     left_out_before: u64,
 }
 

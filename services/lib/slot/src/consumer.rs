@@ -54,7 +54,8 @@ pub enum Source {
 pub enum Tripped {
     /// The owner is not followed any more, and the fallback is as soon as it has a usable command.
     ToFallback,
-    /// The record has no fallback to move to: no command counts, or none for a while.
+    /// The record has no fallback to move to: no command counts, for as long as the consumer was
+    /// made to.
     NoFallback,
     /// It is of an older epoch, of a seat that is not the owner's, of an owner that is not watched, of
     /// one that is not followed any more, or a repetition.
