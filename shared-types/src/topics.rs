@@ -127,9 +127,9 @@ floor_plan! {
         "real state of the vehicle"
     6 ACTUATOR_STATE "actuator_state": ActuatorState, Plant => [], RecordOnly, history 1;
         "real rotor thrusts"
-    7 STATE_ESTIMATE "state_estimate": StateEstimate, Estimator => [Position, Attitude, Monitor], ZeroLatency, history 128, hashed;
+    7 STATE_ESTIMATE "state_estimate": StateEstimate, Estimator => [Plant, Position, Attitude, Monitor], ZeroLatency, history 128, hashed;
         "believed state with one-sigma errors"
-    8 REFERENCE "reference": Reference, Pilot => [Position, Attitude, Monitor], ZeroLatency, history 32;
+    8 REFERENCE "reference": Reference, Pilot => [Plant, Position, Attitude, Monitor], ZeroLatency, history 32;
         "trajectory to follow, with preview"
     9 MORPH_COMMAND "morph_command": MorphCommand, Pilot => [Plant, Position, Attitude], ZeroLatency, history 32;
         "commanded deployable angle, with its path"

@@ -88,6 +88,22 @@ fn a_vehicle_without_set_points_stays_on_its_path_under_every_attitude_controlle
     }
 }
 
+/// While nothing commands the attitude slot, the gate follows the reference; level it was 1.2 m away after one and a half
+/// seconds. It makes no difference whether the position slot is silent too, or estimates end.
+#[test]
+fn a_vehicle_that_no_controller_commands_stays_on_its_path() {
+    let stopped =
+        ["attitude", "position", "estimator"].map(|name| format!("{name}:stopped@2s..3.5s"));
+    let [attitude, position, estimator] = stopped.each_ref().map(String::as_str);
+    for silent in [&[attitude][..], &[attitude, position], &[estimator]] {
+        for scenario in [&["figure8-morph"][..], &["hover", "--goto", "1,0.5,1.5@1.6s"]] {
+            let flown = timed(&[scenario, &["--for", "7s"]].concat(), silent);
+            assert_eq!(flown.verdict(), "PASSED", "{}", flown.output_text());
+            assert!(flown.number("position_max_m") < 0.1, "{}", flown.output_text());
+        }
+    }
+}
+
 /// Times of a small computer under load, all within the deadlines: each candidate is admitted, and nothing is missed.
 #[test]
 fn every_controller_may_take_over_from_every_other_on_a_loaded_computer() {

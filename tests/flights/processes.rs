@@ -166,9 +166,9 @@ fn truth_has_no_reader_in_the_flight_and_one_in_all_the_recorder() {
     let truth = bus.open_topic(&topics::TRUTH).expect("the topic is there");
     assert_eq!(truth.readers(), 1);
     assert_eq!(truth.writers(), 1);
-    // Two controllers, the monitor and the recorder: the counter does count.
+    // Two controllers, the plant, the monitor and the recorder: the counter does count.
     let estimate = bus.open_topic(&topics::STATE_ESTIMATE).expect("the topic is there");
-    assert_eq!(estimate.readers(), 4);
+    assert_eq!(estimate.readers(), 5);
     drop((truth, estimate, bus));
     end(running);
 }

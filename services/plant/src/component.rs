@@ -173,6 +173,8 @@ impl Plant {
             unproven: self.unproven.as_ref().filter(|_| commands_unproven),
             reading: self.reading.take(),
             morph_angle_rad: self.measured_morph_rad,
+            estimate: inputs.state_estimate.latest(),
+            reference: inputs.reference.latest(),
         });
         if !matches!(output.mode, Mode::Normal | Mode::Hold { .. }) {
             self.arbiter.forget_order();

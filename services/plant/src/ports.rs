@@ -3,7 +3,8 @@
 use runtime::{inputs, outputs};
 use shared_types::{
     ActuatorState, AppliedCommand, Barometer, Disturbance, Imu, MorphAngle, MorphCommand,
-    OwnerRecord, PoseFix, RangeFinder, Trip, Truth, WrenchCommand, topics,
+    OwnerRecord, PoseFix, RangeFinder, Reference, StateEstimate, Trip, Truth, WrenchCommand,
+    topics,
 };
 
 inputs! {
@@ -19,6 +20,10 @@ inputs! {
         disturbance: Disturbance = topics::DISTURBANCE,
         /// Commanded deployable angle.
         morph_command: MorphCommand = topics::MORPH_COMMAND,
+        /// Believed state, for the gate alone.
+        state_estimate: StateEstimate = topics::STATE_ESTIMATE,
+        /// Where the gate goes by itself.
+        reference: Reference = topics::REFERENCE,
     }
 }
 

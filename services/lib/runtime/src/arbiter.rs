@@ -7,7 +7,6 @@
 //! record for an instant that is past then came too late and is refused. [`setpoints`] does all this for a
 //! loop that tracks attitude set points.
 
-mod backup;
 pub mod setpoints;
 
 use crate::input::Input;

@@ -103,8 +103,10 @@ pub struct Edge {
     pub from: Role,
     /// Consumer.
     pub to: Role,
-    /// Declared latency from release to effect \[ns\].
+    /// Latency from release to effect at this consumer \[ns\].
     pub latency_ns: u64,
+    /// How much of it is this consumer's own, beyond the instant of effect that the samples themselves name \[ns\].
+    pub held_back_ns: u64,
     /// Realtime: how long after its release the consumer's step waits for this edge, in logical
     /// time; 0 if it never does \[ns\].
     pub deadline_ns: u64,
@@ -121,7 +123,16 @@ impl Edge {
     #[must_use]
     pub fn unwaited(topic: &'static TopicInfo, to: Role) -> Self {
         let strict = to == Role::Plant;
-        Self { topic, from: topic.from, to, latency_ns: 0, deadline_ns: 0, strict, asap: false }
+        Self {
+            topic,
+            from: topic.from,
+            to,
+            latency_ns: 0,
+            held_back_ns: 0,
+            deadline_ns: 0,
+            strict,
+            asap: false,
+        }
     }
 
     /// True if the consumer's step at `t_ns` may run as far as this edge is concerned.
@@ -140,7 +151,8 @@ impl Edge {
     /// True if a sample effective at `valid_ns` belongs to the consumer's step at `t_ns`.
     #[must_use]
     pub fn in_effect(&self, valid_ns: u64, t_ns: u64) -> bool {
-        valid_ns < t_ns || (!self.strict && valid_ns == t_ns)
+        let from_ns = valid_ns.saturating_add(self.held_back_ns);
+        from_ns < t_ns || (!self.strict && from_ns == t_ns)
     }
 }
 
@@ -182,6 +194,10 @@ pub struct Graph {
 /// Declared latency of each delayed topic, by topic name \[ns\].
 pub type Latency<'a> = &'a dyn Fn(&TopicInfo) -> u64;
 
+/// How late the plant takes in what is made of its own samples and has no latency: it would wait for each of its steps to
+/// come back otherwise. Commands have a latency of their own \[ns\].
+const FEEDBACK_NS: u64 = 20_000_000;
+
 /// Role that holds a slot, or fills any other role, where `present` gives the roles that there are.
 fn holder(role: Role, present: &dyn Fn(Role) -> bool) -> Role {
     let stand_in = || Slot::of(role).and_then(|slot| slot.spec().stand_in);
@@ -202,16 +218,23 @@ impl Graph {
             let from = holder(topic.from, &present);
             for &to in topic.to {
                 if from != to && present(from) && present(to) {
-                    let latency_ns = match topic.edge {
-                        EdgeKind::Delayed => latency(topic),
-                        EdgeKind::ZeroLatency | EdgeKind::RecordOnly => 0,
-                    };
+                    let node = |role: Role| nodes.iter().find(|n| n.role == role);
                     let strict = to == Role::Plant;
+                    let leads = node(from).is_some_and(|n| n.lead_ns > 0);
+                    let (latency_ns, held_back_ns) = match topic.edge {
+                        EdgeKind::Delayed => (latency(topic), 0),
+                        EdgeKind::ZeroLatency if strict && !leads => (FEEDBACK_NS, FEEDBACK_NS),
+                        EdgeKind::ZeroLatency | EdgeKind::RecordOnly => (0, 0),
+                    };
                     let waits = topic.edge == EdgeKind::ZeroLatency && !strict;
-                    let node = nodes.iter().find(|n| n.role == to).filter(|_| waits);
-                    let deadline_ns = node.map_or(0, |n| n.input_deadline_ns);
-                    let asap = false;
-                    edges.push(Edge { topic, from, to, latency_ns, deadline_ns, strict, asap });
+                    let deadline_ns = node(to).filter(|_| waits).map_or(0, |n| n.input_deadline_ns);
+                    edges.push(Edge {
+                        latency_ns,
+                        held_back_ns,
+                        deadline_ns,
+                        from,
+                        ..Edge::unwaited(topic, to)
+                    });
                 }
             }
         }
@@ -278,7 +301,8 @@ impl Graph {
     /// Declared latency of a topic, 0 if no loop in the flight reads it \[ns\].
     #[must_use]
     pub fn latency_ns(&self, topic: &TopicInfo) -> u64 {
-        self.edges.iter().find(|e| e.topic.name == topic.name).map_or(0, |e| e.latency_ns)
+        let edge = self.edges.iter().find(|e| e.topic.name == topic.name);
+        edge.map_or(0, |e| e.latency_ns.saturating_sub(e.held_back_ns))
     }
 
     /// True if samples of a topic take effect when they are published.

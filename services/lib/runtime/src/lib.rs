@@ -8,6 +8,7 @@
 #![warn(missing_docs)]
 
 pub mod arbiter;
+pub mod backup;
 pub mod clock;
 mod collector;
 pub mod component;

@@ -17,7 +17,7 @@ pub struct GateConfig {
     /// Longest LEVEL; then the rotors are cut.
     #[garde(range(min = 0.0, max = 60.0), custom(finite))]
     pub level_max_s: f64,
-    /// How long LEVEL has the thrust of hover. After that it descends, so that a vehicle that no controller commands any
+    /// How long LEVEL keeps the vehicle where it is, or on its reference. After that it descends, so that a vehicle that no controller commands any
     /// more is nearer the ground when its rotors are cut; never if this is as long as `level_max_s`.
     #[garde(range(min = 0.0, max = 60.0), custom(finite))]
     pub descend_after_s: f64,
@@ -32,7 +32,7 @@ pub struct GateConfig {
     #[garde(range(min = 0.0, max = 10.0), custom(finite))]
     pub tip_over_s: f64,
     /// Torque of LEVEL is at most this times m g L(β), once tilt and rate are below `recovered_tilt_rad` and
-    /// `recovered_rate_rad_s`; before that it is that of RECOVER.
+    /// `recovered_rate_rad_s`; before that, and while it follows the reference, it is that of RECOVER.
     #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub level_torque_fraction: f64,
     /// Tilt beyond which the gate itself answers a trip, by RECOVER, and holds no command that is no longer valid: the

@@ -1,6 +1,8 @@
 //! The gate on the nonlinear vehicle with noisy sensors, after its controller fell silent.
 
 use nalgebra::Vector3;
+use shared_types::Quaternion;
+use std::collections::VecDeque;
 use vehicle::{
     Actuation, Disturbance, NonlinearModel, PlantInputs, PlantModel, RigidBodyState, StepStatus,
 };
@@ -24,6 +26,12 @@ struct Flight {
     beta: MorphAngle,
     tick: u64,
     unproven: Option<UnprovenRange>,
+    /// When the estimates end.
+    estimated_until_ns: u64,
+    /// Those that have not reached the gate, the oldest first.
+    on_the_way: VecDeque<StateEstimate>,
+    estimate: Option<StateEstimate>,
+    reference: Reference,
 }
 
 impl Flight {
@@ -37,6 +45,10 @@ impl Flight {
             beta,
             tick: 0,
             unproven: None,
+            estimated_until_ns: 0,
+            on_the_way: VecDeque::new(),
+            estimate: None,
+            reference: Reference::default(),
         }
     }
 
@@ -53,6 +65,22 @@ impl Flight {
         let (omega, force) = (truth.state.omega_b, truth.specific_force_b_m_s2);
         let command =
             wrench.map(|wrench| Command { wrench, effective_ns: now_ns, validity_ns: 20 * MS });
+        if now_ns < self.estimated_until_ns {
+            let state = &truth.state;
+            self.on_the_way.push_back(StateEstimate {
+                described_ns: now_ns,
+                position_w_m: state.position_w.into(),
+                velocity_w_m_s: state.velocity_w.into(),
+                q_wb: Quaternion::from_array(vehicle::components(state.q_wb)),
+                body_rate_b_rad_s: omega.into(),
+                specific_force_b_m_s2: force.into(),
+                ..StateEstimate::default()
+            });
+        }
+        if self.on_the_way.front().is_some_and(|estimate| estimate.described_ns + 20 * MS < now_ns)
+        {
+            self.estimate = self.on_the_way.pop_front();
+        }
         let output = self.gate.tick(&GateInput {
             now_ns,
             command,
@@ -61,6 +89,8 @@ impl Flight {
             unproven: self.unproven.as_ref(),
             reading: self.imu.sample(now_ns, &omega, &force),
             morph_angle_rad: self.beta.rad(),
+            estimate: self.estimate.as_ref(),
+            reference: Some(&self.reference),
         });
         assert_eq!(self.model.step(1e-3, &inputs(output.wrench)), StepStatus::Advanced);
         let up = truth.state.q_wb * Vector3::z();
@@ -113,6 +143,57 @@ fn level_recovers_from_0_3_rad_and_2_rad_s_at_every_size() {
                 assert!(moment.rate_rad_s < 0.1, "rate {}", moment.rate_rad_s);
             }
         }
+    }
+}
+
+/// A circle of 1 m in 6 s: position and velocity.
+fn circle(ms: u32) -> (Vector3<f64>, Vector3<f64>) {
+    let (sin, cos) = libm::sincos(core::f64::consts::TAU * f64::from(ms) / 6000.0);
+    (Vector3::new(cos - 1.0, sin, 0.0), Vector3::new(-sin, cos, 0.0) * 1.047)
+}
+
+/// Largest distance from the circle in the second second, at a size and with a seed, and the velocity as the rotors are
+/// cut. The vehicle enters the circle from rest, and descends from 2 s on.
+fn circled(beta: MorphAngle, seed: u64, estimated_until_ns: u64) -> (f64, Vector3<f64>) {
+    let mut flight =
+        Flight { estimated_until_ns, ..Flight::new(&GateConfig::default(), beta, seed) };
+    let mut away_m: f64 = 0.0;
+    for ms in 0..5900_u32 {
+        if ms.is_multiple_of(20) {
+            flight.reference.header.valid_ns = u64::from(ms) * MS;
+            (flight.reference.count, flight.reference.spacing_ns) = (48, 50 * MS);
+            for (point, index) in flight.reference.points.iter_mut().zip(0..) {
+                let (position, velocity) = circle(ms + 50 * index);
+                (point.position_w_m, point.velocity_w_m_s) = (position.into(), velocity.into());
+            }
+        }
+        let tilt_rad = flight.step(None).tilt_rad;
+        assert!(tilt_rad < 0.35, "{tilt_rad} rad at {ms} ms");
+        if (1000..2000).contains(&ms) {
+            away_m = away_m.max((flight.model.state().position_w - circle(ms).0).norm());
+        }
+    }
+    (away_m, flight.model.state().velocity_w)
+}
+
+#[test]
+fn without_a_controller_the_gate_flies_along_the_reference_and_descends_at_rest() {
+    for (beta, seed) in [MorphAngle::MIN, MorphAngle::MEDIUM, MorphAngle::MAX].into_iter().zip(1..)
+    {
+        let (away_m, velocity_w) = circled(beta, seed, u64::MAX);
+        assert!(away_m < 0.15, "{beta:?}: {away_m} m");
+        assert!(velocity_w.xy().norm() < 0.35, "{beta:?}: {velocity_w}");
+        assert!((-1.5..-0.2).contains(&velocity_w.z), "{beta:?}: {velocity_w}");
+    }
+}
+
+/// The gate knows the biases of its readings by the last estimate; here they are unknown, so that it drifts more.
+#[test]
+fn without_an_estimator_either_the_gate_follows_the_reference_by_its_own_readings() {
+    for (beta, seed) in [MorphAngle::MIN, MorphAngle::MEDIUM, MorphAngle::MAX].into_iter().zip(1..)
+    {
+        let (away_m, _) = circled(beta, seed, 300 * MS);
+        assert!(away_m < 0.3, "{beta:?}: {away_m} m");
     }
 }
 

@@ -1,6 +1,6 @@
 //! The gate's own idea of what is up, and the law that brings the vehicle level.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use vehicle::{MorphAngle, VehicleParameters, Wrench};
 
 use super::config::GateConfig;
@@ -95,10 +95,12 @@ impl UpFilter {
         tilt_rad(&turned)
     }
 
-    /// Rotation vector that brings body z onto up: angle times ẑ × up / |ẑ × up|.
-    fn tilt_error(&self) -> Vector3<f64> {
-        let axis = Vector3::new(-self.up_b.y, self.up_b.x, 0.0);
-        axis.try_normalize(1e-9).map_or_else(Vector3::zeros, |axis| axis * self.tilt_rad())
+    /// Rotation vector that turns the body until up is where `aim_b` says: the angle between them times
+    /// aim × up / |aim × up|.
+    fn tilt_error(&self, aim_b: &Vector3<f64>) -> Vector3<f64> {
+        let across = aim_b.cross(&self.up_b);
+        let angle_rad = libm::atan2(across.norm(), aim_b.dot(&self.up_b));
+        across.try_normalize(1e-9).map_or_else(Vector3::zeros, |axis| axis * angle_rad)
     }
 
     /// Vertical acceleration of the vehicle by a reading of the specific force `force_b` \[m/s²\].
@@ -123,7 +125,31 @@ pub(super) fn descent_thrust_n(
     vehicle.weight_n() * (1.0 + share.clamp(-DESCENT_THRUST_SHARE, DESCENT_THRUST_SHARE))
 }
 
-/// α = ωₙ² e − 2 ζ ωₙ ω, τ = I(β) α, T = m g.
+/// What the law is to bring about.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Aim {
+    /// Where up is to be, seen from the body.
+    up_b: Vector3<f64>,
+    thrust_n: f64,
+}
+
+impl Aim {
+    /// Level, with the thrust of hover.
+    pub(super) fn level(vehicle: &VehicleParameters) -> Self {
+        Self { up_b: Vector3::z(), thrust_n: vehicle.weight_n() }
+    }
+
+    /// At roll and pitch as far as their tilt is at most `most_rad`.
+    pub(super) fn tilted(roll_pitch_rad: [f64; 2], most_rad: f64, thrust_n: f64) -> Self {
+        let [roll_rad, pitch_rad] = Vector2::from(roll_pitch_rad).cap_magnitude(most_rad).into();
+        let (sin_roll, cos_roll) = libm::sincos(roll_rad);
+        let (sin_pitch, cos_pitch) = libm::sincos(pitch_rad);
+        let up_b = Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch);
+        Self { up_b, thrust_n }
+    }
+}
+
+/// α = ωₙ² e − 2 ζ ωₙ ω, τ = I(β) α; the thrust is that of the aim, and m g while the filter is blind.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LevelLaw {
     stiffness: f64,
@@ -167,6 +193,7 @@ impl LevelLaw {
         &self,
         vehicle: &VehicleParameters,
         filter: &UpFilter,
+        aim: &Aim,
         beta: MorphAngle,
         now_ns: u64,
     ) -> Wrench {
@@ -174,12 +201,12 @@ impl LevelLaw {
         if filter.is_blind(now_ns) {
             return Wrench::thrust(weight);
         }
-        let alpha = filter.tilt_error() * self.stiffness - filter.rate_b * self.damping;
+        let alpha = filter.tilt_error(&aim.up_b) * self.stiffness - filter.rate_b * self.damping;
         let mut tau = vehicle.inertia_kg_m2(beta).component_mul(&alpha);
         let yaw_max = self.torque_fraction * weight * vehicle.yaw_coefficient_m;
         tau.z = tau.z.clamp(-yaw_max, yaw_max);
         let torque_max = self.torque_fraction * weight * vehicle.geometry.arm_length_m(beta);
-        Wrench { thrust_n: weight, torque_b_nm: tau.cap_magnitude(torque_max) }
+        Wrench { thrust_n: aim.thrust_n, torque_b_nm: tau.cap_magnitude(torque_max) }
     }
 }
 
@@ -204,7 +231,8 @@ mod tests {
 
     fn torque(filter: &UpFilter, beta: MorphAngle) -> Vector3<f64> {
         let law = LevelLaw::level(&GateConfig::default());
-        law.wrench(&VehicleParameters::default(), filter, beta, 0).torque_b_nm
+        let vehicle = VehicleParameters::default();
+        law.wrench(&vehicle, filter, &Aim::level(&vehicle), beta, 0).torque_b_nm
     }
 
     #[test]
@@ -270,7 +298,8 @@ mod tests {
     fn without_a_recent_reading_there_is_thrust_but_no_torque() {
         let law = LevelLaw::level(&GateConfig::default());
         let (vehicle, filter) = (VehicleParameters::default(), up_at(0.3, 0.0));
-        let at = |now_ns| law.wrench(&vehicle, &filter, MorphAngle::MIN, now_ns);
+        let at =
+            |now_ns| law.wrench(&vehicle, &filter, &Aim::level(&vehicle), MorphAngle::MIN, now_ns);
         assert!(at(MAX_READING_AGE_NS).torque_b_nm.norm() > 0.0);
         assert_eq!(at(MAX_READING_AGE_NS + 1), Wrench::thrust(vehicle.weight_n()));
     }

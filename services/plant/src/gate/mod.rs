@@ -1,6 +1,7 @@
 //! The last check before the rotors: what is in range, and what to do when no controller commands.
 //!
-//! The gate sees commands, the plant's own inertial readings and the morph angle, never the truth.
+//! The gate sees commands, the plant's own inertial readings and the morph angle, and, to go somewhere when no controller
+//! commands, the estimate and the reference; never the truth.
 //! It starts airborne at trim: hover thrust, valid for as long as a HOLD may last. Start with
 //! [`Mode`] for the state machine, then [`Gate::judge`] and [`Gate::tick`].
 
@@ -8,8 +9,11 @@ mod command;
 mod config;
 mod level;
 mod mode;
+mod navigation;
 
 use garde::Validate;
+use runtime::backup;
+use shared_types::{Reference, StateEstimate};
 use thiserror::Error;
 use vehicle::{MorphAngle, ParameterError, VehicleParameters, Wrench};
 
@@ -19,8 +23,12 @@ pub use mode::Mode;
 
 use crate::sensors::ImuSample;
 use command::{CommandRange, Refusal};
-use level::{LevelLaw, MAX_STEP_S, UpFilter, descent_thrust_n};
+use level::{Aim, LevelLaw, MAX_STEP_S, UpFilter, descent_thrust_n};
 use mode::{ModeLimits, Observation};
+use navigation::{Navigation, NavigationMemory};
+
+/// Share of the tilt at which LEVEL brakes hard up to which it tilts the vehicle itself.
+const AIMED_SHARE: f64 = 0.8;
 
 /// Largest share of one reading in the filter, however long there was none before it.
 const MAX_CORRECTION: f64 = 0.1;
@@ -55,6 +63,10 @@ pub struct GateInput<'a> {
     pub reading: Option<ImuSample>,
     /// Measured β \[rad\]; the last usable one stands in for a NaN.
     pub morph_angle_rad: f64,
+    /// The last estimate of the vehicle's state that there is.
+    pub estimate: Option<&'a StateEstimate>,
+    /// What the vehicle was to follow last.
+    pub reference: Option<&'a Reference>,
 }
 
 /// What the gate decided.
@@ -85,6 +97,8 @@ shared_types::memory! {
         pub rate_b_rad_s: [f64; 3],
         /// Instant of that reading \[ns\].
         pub reading_ns: u64,
+        /// Where the vehicle is.
+        pub navigation: NavigationMemory,
         /// Last usable β \[rad\].
         pub morph_angle_rad: f64,
         /// Instant of the last tick \[ns\].
@@ -129,12 +143,14 @@ pub struct Gate {
     mode: Mode,
     held: Held,
     filter: UpFilter,
+    navigation: Navigation,
     beta: MorphAngle,
     tick_ns: u64,
     climb_m_s: f64,
     descend_after_ns: u64,
     descend_m_s: f64,
     levels_gently: bool,
+    aim_tilt_rad: f64,
     counters: GateCounters,
 }
 
@@ -172,12 +188,14 @@ impl Gate {
             mode: Mode::Normal,
             held,
             filter: UpFilter::new(),
+            navigation: Navigation::new(),
             beta: MorphAngle::MIN,
             tick_ns: 0,
             climb_m_s: 0.0,
             descend_after_ns: config.descend_after_ns(),
             descend_m_s: config.descend_m_s,
             levels_gently: false,
+            aim_tilt_rad: AIMED_SHARE * config.recover_tilt_rad,
             counters: GateCounters::default(),
         })
     }
@@ -231,8 +249,13 @@ impl Gate {
         let mut wrench = match self.mode {
             Mode::Normal | Mode::Hold { .. } => self.held.wrench,
             Mode::Level { .. } | Mode::Recover { .. } => {
-                let law = if self.levels_gently { &self.law } else { &self.recovery };
-                law.wrench(&self.vehicle, &self.filter, self.beta, input.now_ns)
+                let (law, aim) = match self.aim(input) {
+                    // It has to follow, and needs the faster law for it.
+                    Some(aim) => (&self.recovery, aim),
+                    None if self.levels_gently => (&self.law, Aim::level(&self.vehicle)),
+                    None => (&self.recovery, Aim::level(&self.vehicle)),
+                };
+                law.wrench(&self.vehicle, &self.filter, &aim, self.beta, input.now_ns)
             }
             Mode::Cut => Wrench::thrust(0.0),
         };
@@ -252,12 +275,13 @@ impl Gate {
         self.tick_ns = input.now_ns;
         // Over the step that ends now the rate was the last one read.
         self.filter.predict(tick_s);
-        let Some(reading) = &input.reading else { return };
-        if !self.filter.read(input.now_ns, reading) {
-            self.counters.bad_readings += 1;
-            return;
-        }
-        let (force_b, gravity) = (&reading.specific_force_b_m_s2, self.vehicle.gravity_m_s2);
+        let is_usable = |reading: &&ImuSample| self.filter.read(input.now_ns, reading);
+        let usable = input.reading.as_ref().filter(is_usable);
+        let gravity = self.vehicle.gravity_m_s2;
+        self.navigation.advance(input.now_ns, input.estimate, usable, gravity);
+        self.counters.bad_readings += u64::from(input.reading.is_some() && usable.is_none());
+        let Some(reading) = usable else { return };
+        let force_b = &reading.specific_force_b_m_s2;
         if matches!(self.mode, Mode::Level { .. } | Mode::Recover { .. }) {
             let step_s = reading_s.min(MAX_STEP_S);
             self.climb_m_s += self.filter.climbing_m_s2(force_b, gravity) * step_s;
@@ -267,7 +291,21 @@ impl Gate {
         }
     }
 
-    /// True once LEVEL has had the thrust of hover for as long as it is to.
+    /// Where a calm vehicle goes without a controller: along the reference, and to rest where it descends; none where it
+    /// does not know where the vehicle is.
+    fn aim(&self, input: &GateInput) -> Option<Aim> {
+        let believed = self.navigation.believed().filter(|_| self.levels_gently)?;
+        let weighs = backup::Vehicle {
+            weight_n: self.vehicle.weight_n(),
+            gravity_m_s2: self.vehicle.gravity_m_s2,
+        };
+        let reference = input.reference.filter(|_| !self.descends(input.now_ns));
+        let [thrust_n, roll_rad, pitch_rad, _] =
+            backup::setpoint(input.now_ns, weighs, 0.0, Some(&believed), reference);
+        Some(Aim::tilted([roll_rad, pitch_rad], self.aim_tilt_rad, thrust_n))
+    }
+
+    /// True once LEVEL has carried the vehicle for as long as it is to.
     fn descends(&self, now_ns: u64) -> bool {
         matches!(self.mode, Mode::Level { since_ns, .. }
             if now_ns.saturating_sub(since_ns) >= self.descend_after_ns)
@@ -341,6 +379,7 @@ impl Gate {
             up_b: self.filter.up_b.into(),
             rate_b_rad_s: self.filter.rate_b.into(),
             reading_ns: self.filter.reading_ns,
+            navigation: self.navigation.memory(),
             morph_angle_rad: self.beta.rad(),
             tick_ns: self.tick_ns,
             climb_m_s: self.climb_m_s,
@@ -363,6 +402,7 @@ impl Gate {
             rate_b: memory.rate_b_rad_s.into(),
             reading_ns: memory.reading_ns,
         };
+        self.navigation = Navigation::restore(&memory.navigation);
         self.beta = MorphAngle::saturating_from_rad(memory.morph_angle_rad).unwrap_or(self.beta);
         self.tick_ns = memory.tick_ns;
         self.climb_m_s = memory.climb_m_s;

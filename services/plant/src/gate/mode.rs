@@ -10,7 +10,7 @@
 //!                                                                 CUT   (for good)
 //! ```
 //!
-//! LEVEL has the thrust of hover for a while, and then descends.
+//! LEVEL follows the reference for a while, or has the thrust of hover where it knows no better, and then descends.
 //!
 //! HOLD is left out where the vehicle is tilted or turns fast: a command that outlives its controller goes on turning it.
 //!
@@ -33,7 +33,7 @@ pub enum Mode {
         /// End of the last command's validity \[ns\].
         since_ns: u64,
     },
-    /// Still none: the gate levels the vehicle by itself.
+    /// Still none: the gate levels the vehicle by itself, and takes it along the reference while it is calm.
     Level {
         /// First tick in this mode \[ns\].
         since_ns: u64,

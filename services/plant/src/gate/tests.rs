@@ -1,5 +1,6 @@
 use nalgebra::Vector3;
 use proptest::prelude::*;
+use shared_types::Quaternion;
 
 use super::*;
 
@@ -38,6 +39,8 @@ fn tick(gate: &mut Gate, now_ns: u64, commands: &[Command]) -> GateOutput {
         unproven: None,
         reading: Some(reading),
         morph_angle_rad: 1.0,
+        estimate: None,
+        reference: None,
     })
 }
 
@@ -186,6 +189,8 @@ fn between_two_commands_in_range_nothing_is_refused_and_nothing_leaves_the_range
         unproven: None,
         reading: None,
         morph_angle_rad: 1.0,
+        estimate: None,
+        reference: None,
     });
     assert_eq!(output.wrench.thrust_n.to_bits(), 0.0_f64.to_bits());
     assert!((0.01..1.0).contains(&output.wrench.torque_b_nm.x), "{:?}", output.wrench);
@@ -265,6 +270,22 @@ proptest! {
             // Whatever gets past the judge must not get past the gate.
             let unjudged = commands.first().copied().filter(|_| now_ns % 2 == 0);
             let command = newest(&mut gate, now_ns, commands).or(unjudged);
+            // Whatever is believed, and wherever the vehicle is to be.
+            let (believed, wanted) = commands.first().zip(commands.last()).map_or_else(
+                Default::default,
+                |(a, b)| (1e3 * a.wrench.torque_b_nm, 1e3 * b.wrench.torque_b_nm),
+            );
+            let mut reference = Reference { count: now_ns % 60, ..Reference::default() };
+            reference.points[0].position_w_m = wanted.into();
+            let estimate = StateEstimate {
+                described_ns: now_ns.saturating_sub(7 * MS),
+                body_rate_b_rad_s: wanted.into(),
+                accelerometer_bias_b_m_s2: believed.into(),
+                position_w_m: believed.into(),
+                velocity_w_m_s: wanted.into(),
+                q_wb: Quaternion::from_array([*morph_angle_rad, 0.5, believed.x, 0.5]),
+                ..StateEstimate::default()
+            };
             let input = GateInput {
                 now_ns,
                 command,
@@ -273,6 +294,8 @@ proptest! {
                 unproven: Some(&range).filter(|_| now_ns % 3 == 0),
                 reading: *reading,
                 morph_angle_rad: *morph_angle_rad,
+                estimate: Some(&estimate).filter(|_| now_ns % 13 > 0),
+                reference: Some(&reference).filter(|_| now_ns % 5 > 0),
             };
             twin.restore(&gate.memory());
             let output = gate.tick(&input);

@@ -1,6 +1,7 @@
 //! The position slot's consumer, and what its owner reads back from the attitude slot.
 
-use super::{ArbiterMemory, CommandArbiter, Selection, backup};
+use super::{ArbiterMemory, CommandArbiter, Selection};
+use crate::backup;
 use crate::input::Input;
 use core::slice::Iter;
 use shared_types::{
@@ -9,7 +10,7 @@ use shared_types::{
 };
 use slot::{Authority, Command};
 
-pub use super::backup::TILT_BOUND_RAD;
+pub use crate::backup::TILT_BOUND_RAD;
 
 /// Share of a bound by which a change of kind may step at once.
 const STEP_SHARE: f64 = 0.1;

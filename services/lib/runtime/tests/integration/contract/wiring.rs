@@ -45,6 +45,22 @@ fn one_delay_on_the_loop_or_no_position_loop_is_enough() {
     assert!(graph.edge(&topics::STATE_ESTIMATE.info, Role::Position).is_none());
 }
 
+/// In lockstep it would wait for each of its steps to come back.
+#[test]
+fn the_plant_takes_in_what_is_made_of_its_own_samples_later_than_controllers() {
+    let graph = Graph::new(nodes(), &|_| 1_000_000).unwrap();
+    let latencies_ms = |topic, to| {
+        let edge = graph.edge(topic, to).unwrap();
+        (edge.latency_ns / 1_000_000, edge.held_back_ns / 1_000_000)
+    };
+    let estimate = &topics::STATE_ESTIMATE.info;
+    assert_eq!(latencies_ms(estimate, Role::Attitude), (0, 0));
+    assert_eq!(latencies_ms(estimate, Role::Plant), (20, 20));
+    assert_eq!(latencies_ms(&topics::REFERENCE.info, Role::Plant), (0, 0));
+    assert_eq!(latencies_ms(&topics::WRENCH_COMMAND.info, Role::Plant), (1, 0));
+    assert_eq!(graph.latency_ns(estimate), 0, "what a sample names");
+}
+
 #[test]
 fn a_latency_or_a_lead_that_overflows_a_reader_is_refused_by_name() {
     let late = Graph::new(
@@ -172,13 +188,16 @@ proptest! {
     /// What a permitted step needs is final, and one nanosecond less would not do.
     #[test]
     fn permission_is_given_exactly_when_nothing_in_effect_can_still_come(
-        latency_ns in 0..50_u64, strict: bool, t_ns in 0..100_u64, mark_ns in 0..100_u64,
+        latency_ns in 0..50_u64, declared_ns in 0..50_u64, strict: bool, t_ns in 0..100_u64,
+        mark_ns in 0..100_u64,
     ) {
         let topic = &topics::WRENCH_COMMAND.info;
         let (from, to) = (Role::Attitude, Role::Plant);
-        let edge = Edge { from, latency_ns, strict, ..Edge::unwaited(topic, to) };
-        // Anything still to come is released at or after the mark.
-        let may_come = edge.in_effect(mark_ns + latency_ns, t_ns);
+        let declared_ns = declared_ns.min(latency_ns);
+        let held_back_ns = latency_ns - declared_ns;
+        let edge = Edge { from, latency_ns, held_back_ns, strict, ..Edge::unwaited(topic, to) };
+        // Anything still to come is released at or after the mark, and names the latency of its topic.
+        let may_come = edge.in_effect(mark_ns + declared_ns, t_ns);
         prop_assert_eq!(edge.permits(t_ns, mark_ns), !may_come);
     }
 }

@@ -146,7 +146,8 @@ macro_rules! toy {
 
 toy!(plant,
     [wrench_command: WrenchCommand = WRENCH_COMMAND, disturbance: Disturbance = DISTURBANCE,
-     morph_command: MorphCommand = MORPH_COMMAND, trip: Trip = TRIP],
+     morph_command: MorphCommand = MORPH_COMMAND, trip: Trip = TRIP,
+     state_estimate: StateEstimate = STATE_ESTIMATE, reference: Reference = REFERENCE],
     [imu: Imu = IMU / 1, pose_fix: PoseFix = POSE_FIX / 10, morph_angle: MorphAngle = MORPH_ANGLE / 2,
      barometer: Barometer = BAROMETER / 7, range_finder: RangeFinder = RANGE_FINDER / 5,
      applied_command: AppliedCommand = APPLIED_COMMAND / 1, truth: Truth = TRUTH / 1,

@@ -1,5 +1,5 @@
-//! The position law of an attitude loop whose set points have ended: it follows the reference, and where there is none
-//! it comes to rest.
+//! The position law for want of a position controller: of an attitude loop whose set points have ended, and of the plant's
+//! gate, which no controller commands. It follows the reference, and where there is none it comes to rest.
 //!
 //! Proportional in position and velocity, beside the reference's acceleration. It has no integral and knows neither wind
 //! nor drag; what the last set point asked for beyond it is what holds against them, and fades.
@@ -29,7 +29,8 @@ const LANDING_M_S: f64 = 0.5;
 
 /// What is tracked at `now_ns` without a set point: T \[N\], φ, θ, ψ \[rad\]. The heading is the reference's, without one
 /// `yaw_rad`. Without a finite estimate it is level, and carries the weight.
-pub(super) fn setpoint(
+#[must_use]
+pub fn setpoint(
     now_ns: u64,
     vehicle: Vehicle,
     yaw_rad: f64,
@@ -55,7 +56,7 @@ pub(super) fn setpoint(
 
 /// What is left of a last set point beside the law's: both together, T, φ and θ, within what a set point may ask for, or
 /// what was tracked `before`, where that is more: nothing jumps.
-pub(super) fn bounded(sum: [f64; 3], before: [f64; 3], vehicle: Vehicle) -> [f64; 3] {
+pub(crate) fn bounded(sum: [f64; 3], before: [f64; 3], vehicle: Vehicle) -> [f64; 3] {
     let [least, most] = THRUST_WEIGHTS.map(|weights| weights * vehicle.weight_n);
     let tilt = |i: usize| {
         let most_rad = TILT_BOUND_RAD.max(before[i].abs());
@@ -65,17 +66,17 @@ pub(super) fn bounded(sum: [f64; 3], before: [f64; 3], vehicle: Vehicle) -> [f64
 }
 
 /// The share of what the last set point asked for beyond the law that is left after so long.
-pub(super) fn share_left(after_ns: u64) -> f64 {
+pub(crate) fn share_left(after_ns: u64) -> f64 {
     FADES_S / (FADES_S + after_ns as f64 * 1e-9)
 }
 
 /// The vehicle as the law knows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Vehicle {
+pub struct Vehicle {
     /// Its weight \[N\].
-    pub(super) weight_n: f64,
+    pub weight_n: f64,
     /// What makes it \[m/s²\].
-    pub(super) gravity_m_s2: f64,
+    pub gravity_m_s2: f64,
 }
 
 /// Where to be and how to move, in W.
