@@ -229,10 +229,10 @@ impl Graph {
                     let waits = topic.edge == EdgeKind::ZeroLatency && !strict;
                     let deadline_ns = node(to).filter(|_| waits).map_or(0, |n| n.input_deadline_ns);
                     edges.push(Edge {
+                        from,
                         latency_ns,
                         held_back_ns,
                         deadline_ns,
-                        from,
                         ..Edge::unwaited(topic, to)
                     });
                 }
