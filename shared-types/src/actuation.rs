@@ -10,7 +10,8 @@ crate::code! {
         Normal = 0,
         /// No valid command: the last one is held.
         Hold = 1,
-        /// Still none: the gate levels the vehicle from its own gyro and accelerometer.
+        /// Still none: the gate flies the vehicle itself, along the reference, or level where it does not know where the
+        /// vehicle is.
         Level = 2,
         /// Rotors off, for good.
         Cut = 3,

@@ -43,6 +43,22 @@ pub enum BenchError {
     #[error("`bench rate` flies the scenario many times, and standard input can be read once")]
     #[diagnostic(help("write it to a file, and give that"))]
     StandardInput,
+    /// What cannot be measured.
+    #[error("{flag}: loops are measured in realtime, at speed 1")]
+    #[diagnostic(help("leave it out"))]
+    Realtime {
+        /// What asks for something else.
+        flag: &'static str,
+    },
+    /// Nothing would be left to measure.
+    #[error("--warm-up {warm_up_s} s is more than half of a flight of {flown_s} s")]
+    #[diagnostic(help("fly for longer, with --for, or warm up for less"))]
+    WarmUp {
+        /// As asked for \[s\].
+        warm_up_s: f64,
+        /// Duration of the flight \[s\].
+        flown_s: f64,
+    },
     /// The flight never began.
     #[error(transparent)]
     Run(#[from] RunError),
@@ -104,6 +120,8 @@ impl BenchError {
             | Self::Compare(_)
             | Self::NothingToCompare
             | Self::StandardInput
+            | Self::Realtime { .. }
+            | Self::WarmUp { .. }
             | Self::NoSuchCpu { .. }
             | Self::Run(RunError::NoSuchProcessor { .. }) => exit::USAGE,
             Self::Run(RunError::Interrupted) => exit::INTERRUPTED,

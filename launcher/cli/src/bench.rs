@@ -5,7 +5,8 @@ mod loops;
 use super::STANDARD_INPUT;
 use super::bar::bar;
 use super::options::{
-    BenchCommand, Format, HopArguments, MeasurePlace, RateArguments, scenario_arguments,
+    BenchCommand, Format, HopArguments, MeasurePlace, RateArguments, ScenarioArguments,
+    scenario_arguments,
 };
 use super::refusal::Done;
 use bench::hop::{self, HopPlan};
@@ -52,7 +53,8 @@ fn hop(arguments: &HopArguments) -> Result<(String, u8), BenchError> {
     let plan = HopPlan { for_ns: nanoseconds(arguments.duration), place };
     let report = hop::measure(&plan, &|| bar.inc(1))?;
     bar.finish_and_clear();
-    let worst = report.worst_ratio().unwrap_or(0.0);
+    // What was not compared holds nothing.
+    let worst = report.worst_ratio().unwrap_or(f64::INFINITY);
     let failed = arguments.max_ratio.is_some_and(|most| worst > most);
     let code = if failed { exit::FAILED } else { exit::PASS };
     let text = match arguments.format {
@@ -78,6 +80,13 @@ fn hop(arguments: &HopArguments) -> Result<(String, u8), BenchError> {
     Ok((text, code))
 }
 
+/// Refuses what would be ignored.
+fn require_realtime(scenario: &ScenarioArguments) -> Result<(), BenchError> {
+    let clock = scenario.clock.as_deref().filter(|clock| *clock != "realtime").map(|_| "--clock");
+    let flag = clock.or(scenario.speed.as_ref().map(|_| "--speed"));
+    flag.map_or(Ok(()), |flag| Err(BenchError::Realtime { flag }))
+}
+
 /// Flights with the loop of each role at rising rates.
 fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
     // Asked once here, so that what is refused is refused before anything flies.
@@ -85,6 +94,7 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
     if arguments.scenario.scenario == STANDARD_INPUT {
         return Err(BenchError::StandardInput);
     }
+    require_realtime(&arguments.scenario)?;
     let scenario = Scenario::load(&arguments.scenario.scenario, &arguments.scenario.overrides()?)?;
     let settings = scenario.settings();
     let assignment = Assignment::of(settings);

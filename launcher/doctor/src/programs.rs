@@ -1,15 +1,19 @@
 //! What is installed: this executable, others that its flights may start, and what reads recordings.
 
 use super::Finding;
+use core::time::Duration;
 use host::{LAYOUT_ARGUMENT, layout_hash};
-use runtime::clock::{mono_now_ns, sleep_until};
 use scenario::candidate::installed;
+use std::io::Read as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::sync::mpsc;
 use std::thread::{self, Builder};
 
-/// How long an executable may take to identify itself \[ns\].
-const LIMIT_NS: u64 = 500_000_000;
+/// How long an executable may take to identify itself.
+const LIMIT: Duration = Duration::from_millis(500);
+/// Most that is read of what it prints.
+const PRINTED_MAX: u64 = 4096;
 
 pub(super) fn checks() -> Vec<Finding> {
     thread::scope(|scope| {
@@ -87,21 +91,19 @@ fn output_of(executable: &Path, argument: &str) -> Option<String> {
     let mut command = Command::new(executable);
     command.arg(argument).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut child = command.spawn().ok()?;
-    let patient_until_ns = mono_now_ns() + LIMIT_NS;
-    loop {
-        match child.try_wait().ok()? {
-            Some(_) => break,
-            None if mono_now_ns() > patient_until_ns => {
-                // It may be anything; it was started here and is ended here.
-                let _ = child.kill();
-                let _ = child.wait();
-                return None;
-            }
-            None => sleep_until(mono_now_ns() + 1_000_000),
-        }
-    }
-    let output = child.wait_with_output().ok()?;
-    Some(String::from_utf8_lossy(&output.stdout).into_owned())
+    let stdout = child.stdout.take()?;
+    let (sender, receiver) = mpsc::sync_channel(1);
+    // A process that it has started may keep the pipe open for ever: then only this thread waits.
+    let reader = Builder::new().spawn(move || {
+        let mut printed = Vec::new();
+        let read = stdout.take(PRINTED_MAX).read_to_end(&mut printed);
+        let _ = sender.send(read.map(|_| printed));
+    });
+    let printed = reader.ok().and_then(|_| receiver.recv_timeout(LIMIT).ok()?.ok());
+    // It may be anything; it was started here and is ended here.
+    let _ = child.kill();
+    let _ = child.wait();
+    Some(String::from_utf8_lossy(&printed?).into_owned())
 }
 
 #[cfg(test)]
@@ -112,5 +114,18 @@ mod tests {
     fn an_executable_that_prints_something_else_has_no_layout() {
         assert_eq!(layout_of(Path::new("/bin/echo")), None);
         assert_eq!(layout_of(Path::new("/no/such/executable")), None);
+    }
+
+    #[test]
+    fn an_executable_whose_child_keeps_the_pipe_open_is_not_waited_for() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lingers");
+        std::fs::write(&path, "#!/bin/sh\nsleep 5 &\necho 1\n").unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o700)).unwrap();
+        let begin_ns = runtime::clock::mono_now_ns();
+        assert_eq!(layout_of(&path), None);
+        let took_ns = runtime::clock::mono_now_ns() - begin_ns;
+        assert!(took_ns < 4_000_000_000, "{took_ns} ns");
     }
 }

@@ -103,6 +103,7 @@ impl Scenario {
     #[must_use]
     pub fn thresholds(&self) -> Thresholds {
         let mut thresholds = Thresholds::derive(&self.basis());
+        // A limit that others are made of comes before them.
         for (key, limit) in self.settings.verdict.limits() {
             let known = thresholds.set(key, limit);
             debug_assert!(known, "no check is called {key}");

@@ -140,12 +140,17 @@ impl Thresholds {
             "{AT_REST_M} m at rest, {BEHIND_S} s behind at up to {speed_m_s:.2} m/s, {YIELD_S2} s2 of a push \
              of up to {push_m_s2:.2} m/s2, at most {LOST_M} m"
         );
+        self.follow_within(tracking_m, why);
+        self.put("recovery_max_m", LOST_M, "as far as a vehicle that is not lost");
+        self.put("heading_max_rad", HEADING_RAD, "several times what any turn of a path takes");
+    }
+
+    /// Adds the limit on the tracking error with those that are made of it.
+    fn follow_within(&mut self, tracking_m: f64, why: impl Into<String>) {
         self.put("tracking_max_m", tracking_m, why);
         let why = format!("{SUSTAINED_SHARE} of tracking_max_m");
         self.put("tracking_sustained_max_m", SUSTAINED_SHARE * tracking_m, why);
         self.put("tracking_rms_max_m", tracking_m, "that of tracking_max_m");
-        self.put("recovery_max_m", LOST_M, "as far as a vehicle that is not lost");
-        self.put("heading_max_rad", HEADING_RAD, "several times what any turn of a path takes");
     }
 
     /// Adds the limits on the attitude.
@@ -189,11 +194,14 @@ impl Thresholds {
         self.0.insert(key, Threshold { limit, why: why.into() });
     }
 
-    /// Sets a limit from the scenario; false if no check has this key.
+    /// Sets a limit from the scenario, with those that are made of it; false if no check has this key.
     pub fn set(&mut self, key: &str, limit: f64) -> bool {
         let check = CHECKS.iter().find(|check| check.key == key);
-        if let Some(check) = check {
-            self.put(check.key, limit, "set in [verdict]");
+        let why = "set in [verdict]";
+        match check {
+            Some(check) if check.key == "tracking_max_m" => self.follow_within(limit, why),
+            Some(check) => self.put(check.key, limit, why),
+            None => {}
         }
         check.is_some()
     }

@@ -28,7 +28,7 @@ pub enum PlotError {
     #[error("a signal without a name: give TOPIC.FIELD, such as truth.position_w_m")]
     Nothing,
     /// Before its beginning.
-    #[error("--from {from_s} s is not before --to {to_s} s")]
+    #[error("--from {from_s} s is not before --to {to_s} s: give a later --to, or leave it out")]
     Backwards {
         /// Given as the beginning \[s\].
         from_s: f64,
@@ -66,7 +66,9 @@ pub enum PlotError {
         remedy: String,
     },
     /// Nothing was recorded of it.
-    #[error("{0}: the recording has no sample of it in this time")]
+    #[error(
+        "{0}: the recording has no sample of it in this time: `morphquad topic info FILE` counts those that it has"
+    )]
     Empty(String),
 }
 
@@ -141,7 +143,7 @@ pub fn plot(
     if from_s >= to_s {
         return Err(PlotError::Backwards { from_s, to_s });
     }
-    let names: Vec<String> = flights.iter().map(name).collect();
+    let names = names(flights);
     let mut read = Vec::new();
     for flight in flights {
         let signals: Vec<&Signal> = panels.iter().flatten().collect();
@@ -192,8 +194,17 @@ pub fn plot(
     Ok(figure)
 }
 
-fn name(flight: &RecordedFlight) -> String {
-    flight.path().file_stem().unwrap_or_default().to_string_lossy().into_owned()
+/// What each flight is called: the name of its file, and the whole path where names are the same.
+fn names(flights: &[RecordedFlight]) -> Vec<String> {
+    let name = |flight: &RecordedFlight| {
+        flight.path().file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    };
+    let all: Vec<String> = flights.iter().map(name).collect();
+    let alone = |name: &String| all.iter().filter(|other| *other == name).count() < 2;
+    let named = all.iter().zip(flights).map(|(name, flight)| {
+        if alone(name) { name.clone() } else { flight.path().display().to_string() }
+    });
+    named.collect()
 }
 
 /// Curves of a signal by what they are called in the legend; with the seat of the writer if there are several.

@@ -146,7 +146,7 @@ fn begin(
     seed: u64,
 ) -> Option<Holding> {
     let &OrderedDisturbance { number, begin_ns, until_ns, .. } = ordered;
-    let stream = FIRST_STREAM + number;
+    let stream = FIRST_STREAM.wrapping_add(number);
     let span = (begin_ns, until_ns);
     let mut player = Player::between(event(ordered)?, span, rate_hz, (seed, stream));
     if let Some(known) = remembered.iter().find(|known| known.number == number && number > 0) {

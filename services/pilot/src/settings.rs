@@ -32,8 +32,8 @@ pub struct Settings {
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Common {
-    /// Loop rate \[Hz\].
-    #[garde(range(min = 0.1, max = 1000.0))]
+    /// Loop rate \[Hz\]. A reference of two seconds ago is one that has ended: then controllers land.
+    #[garde(range(min = 1.0, max = 1000.0))]
     pub rate_hz: f64,
     /// How far the pilot runs ahead of the plant \[s\].
     #[garde(range(min = 0.001, max = 1.0))]

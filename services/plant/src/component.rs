@@ -15,8 +15,8 @@ use runtime::{CommandArbiter, Service};
 use shared_types::{AppliedCommand, Flag, GateMode, Quaternion, Role, WrenchCommand};
 use slot::{Authority, REJECTED_AFTER_TRIP_NS, Tripped};
 use vehicle::{
-    Actuation, Allocation, GroundContact, LinearModel, MorphAngle, NonlinearModel, PlantInputs,
-    PlantModel, Truth, VehicleParameters, Wrench, components,
+    Actuation, Allocation, Disturbance, GroundContact, LinearModel, MorphAngle, NonlinearModel,
+    PlantInputs, PlantModel, Truth, VehicleParameters, Wrench, components,
 };
 
 /// Longest integration step \[s\].
@@ -157,7 +157,8 @@ impl Plant {
             self.offer(now_ns, sample);
         }
         let (command, is_revoked) = self.select_command(now_ns);
-        if let Some(kick) = effects.take_kick(inputs) {
+        let kick = effects.take_kick(inputs);
+        if let Some(kick) = kick.filter(|kick| kick.iter().all(|rate| rate.is_finite())) {
             self.kick_b_rad_s += kick;
         }
         // Neither its fallback, nor what levels in its place.
@@ -213,12 +214,19 @@ impl Plant {
         effects: &Effects,
         applied: &Applied,
     ) -> PlantInputs {
+        // What is no number moves nothing, and stops nothing.
+        let commanded = effects.morph(inputs).map(|command| commanded_morph(command, now_ns));
+        let last = self.last.map(|(_, held, _)| held.morph_command_rad);
+        let morph_command_rad = commanded
+            .filter(|angle_rad| angle_rad.is_finite())
+            .or(last)
+            .unwrap_or_else(|| self.start_morph.rad());
         PlantInputs {
             actuation: applied.actuation,
-            morph_command_rad: effects
-                .morph(inputs)
-                .map_or(self.start_morph.rad(), |command| commanded_morph(command, now_ns)),
-            disturbance: effects.disturbance(inputs),
+            morph_command_rad,
+            disturbance: Some(effects.disturbance(inputs))
+                .filter(Disturbance::is_usable)
+                .unwrap_or_default(),
         }
     }
 

@@ -55,6 +55,7 @@ pub(super) fn measure(arguments: &LoopsArguments) -> Result<(String, u8), BenchE
 }
 
 fn plan(arguments: &LoopsArguments, place: Place) -> Result<LoopsPlan, BenchError> {
+    super::require_realtime(&arguments.scenario)?;
     let given = crate::load_quietly(&arguments.scenario)?;
     // Standard input is read once, whatever is flown of it.
     let name = &arguments.scenario.scenario;
@@ -62,9 +63,13 @@ fn plan(arguments: &LoopsArguments, place: Place) -> Result<LoopsPlan, BenchErro
     let scenario = load(loops::edits(&place, arguments.asap)?)?;
     let alone = load(loops::edits_alone(scenario.settings().scenario.duration_s)?)?;
     let duration_ns = scenario.duration_ns();
-    let usual_ns = WARM_UP_NS.min(duration_ns / 4);
+    let warm_up_ns = arguments.warm_up.map_or(WARM_UP_NS.min(duration_ns / 4), nanoseconds);
+    if warm_up_ns > duration_ns / 2 {
+        let [warm_up_s, flown_s] = [warm_up_ns, duration_ns].map(|ns| ns as f64 * 1e-9);
+        return Err(BenchError::WarmUp { warm_up_s, flown_s });
+    }
     Ok(LoopsPlan {
-        warm_up_ns: arguments.warm_up.map_or(usual_ns, nanoseconds).min(duration_ns / 2),
+        warm_up_ns,
         scenario,
         alone,
         place,

@@ -74,6 +74,12 @@ impl PlaceArguments {
     }
 }
 
+/// How many times as much as something else: finite, and above 0.
+fn ratio(text: &str) -> Result<f64, String> {
+    let ratio = text.parse().ok().filter(|ratio: &f64| ratio.is_finite() && *ratio > 0.0);
+    ratio.ok_or_else(|| "it must be a number above 0, for example 1.5".to_owned())
+}
+
 /// A scenario as arguments, for a flight in a process of its own that lasts `usual` if no duration is given.
 #[must_use]
 pub fn scenario_arguments(scenario: &ScenarioArguments, usual: &str) -> Vec<String> {
@@ -109,7 +115,7 @@ pub struct HopArguments {
     #[command(flatten)]
     pub place: PlaceArguments,
     /// End with 1 if the median through our ports is more than this many times the bare transport's
-    #[arg(long, value_name = "RATIO")]
+    #[arg(long, value_name = "RATIO", allow_hyphen_values = true, value_parser = ratio)]
     pub max_ratio: Option<f64>,
     /// Form of the result
     #[arg(long, value_enum, default_value = "text")]

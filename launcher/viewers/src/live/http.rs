@@ -275,7 +275,8 @@ fn value<'a>(query: &'a str, key: &str) -> Option<&'a str> {
     query.split('&').find_map(|pair| pair.strip_prefix(key)?.strip_prefix('='))
 }
 
-/// A browser starts no executable and reads no file of this machine, whatever it shows.
+/// A browser names no file of this machine, whatever it shows. A name that is not a service's may be that of an executable
+/// that was put beside this one or on the search path to be started by name.
 fn names_no_file(request: &Request) -> bool {
     match request {
         Request::Swap(order) => order.config.is_none() && !order.to.contains('/'),

@@ -112,8 +112,15 @@ pub(super) fn numbers(
     numbers.all
 }
 
-/// The command that flies it again: by name if it is a shipped scenario with at most another seed.
+/// The command that flies it again: by name if it is a shipped scenario with at most another seed, to which nothing was
+/// ordered in flight.
 pub(super) fn flown_again(flight: &RecordedFlight, closing: &Closing) -> String {
+    if flight.branched().is_some() {
+        return "nothing, for it is a branch of another recording".to_owned();
+    }
+    if flight.continued().is_some() {
+        return "nothing, for it begins in the middle of a flight".to_owned();
+    }
     let settings = &flight.scenario().settings().scenario;
     let seed = format!("scenario.seed={}", settings.seed);
     let realtime = matches!(flight.clock(), Clock::Realtime { .. });
@@ -127,7 +134,8 @@ pub(super) fn flown_again(flight: &RecordedFlight, closing: &Closing) -> String 
         shipped.and_then(|(text, all)| Scenario::from_text(&settings.name, text, &all).ok());
     let is_shipped =
         shipped.is_some_and(|shipped| shipped.to_toml() == flight.scenario().to_toml());
-    if is_shipped && flight.branched().is_none() {
+    let is_empty = |key: &str| closing.summary.get(key).is_none_or(|list| list == "[]");
+    if is_shipped && is_empty("orders") && is_empty("swaps") {
         let clock = if realtime { " --clock realtime" } else { "" };
         return format!("morphquad run {} --seed {}{clock}", settings.name, settings.seed);
     }

@@ -71,8 +71,9 @@ impl Pursuit {
         let off = self.goal.off(truth);
         self.since_ns = if off > 1.0 { None } else { self.since_ns.or(Some(t_ns)) };
         // What drives it away again later is another matter.
-        self.there_ns =
-            self.there_ns.or(self.since_ns.filter(|since_ns| t_ns - since_ns >= STAY_NS));
+        self.there_ns = self
+            .there_ns
+            .or(self.since_ns.filter(|since_ns| t_ns.saturating_sub(*since_ns) >= STAY_NS));
         self.last = Some((t_ns, off));
     }
 

@@ -48,7 +48,7 @@ pub(super) fn responses(gathered: &Gathered) -> Vec<Response> {
         let last = outside.map(|(t, _)| t - mark.at_s).reduce(f64::max).unwrap_or(0.0);
         let seen_to =
             axes.iter().filter_map(|axis| axis.last()).map(|(t, _)| *t).fold(0.0, f64::max);
-        // Outside until the last sample is not back.
+        // Outside until the last sample is not back; samples of the window's last twentieth may be those.
         let end = (mark.at_s + AFTER_S).min(seen_to) - mark.at_s;
         let back_s = (last < 0.95 * end).then_some(last);
         let what = mark.text.clone();

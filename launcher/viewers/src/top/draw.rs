@@ -22,8 +22,8 @@ pub struct Talk {
     pub typing: Option<String>,
     /// The command typed last, for another time.
     pub last: Option<String>,
-    /// The run has ended.
-    pub over: bool,
+    /// What has become of the run, once its launcher does not answer.
+    pub over: Option<&'static str>,
 }
 
 /// Colours, or none where they are not wanted.
@@ -125,9 +125,9 @@ fn tail(text: &str, width: usize) -> String {
 fn head_of(snapshot: &Snapshot, talk: &Talk, palette: Palette, width: u16) -> Vec<Line<'static>> {
     let RunStatus { run, scenario, clock, started, flown_s, end_s, .. } = &snapshot.status;
     let stage = match (talk.over, started) {
-        (true, _) => "ended",
-        (false, true) => "running",
-        (false, false) => "getting ready",
+        (Some(over), _) => over,
+        (None, true) => "running",
+        (None, false) => "getting ready",
     };
     let share = if *end_s > 0.0 { (flown_s / end_s).clamp(0.0, 1.0) } else { 0.0 };
     let time = format!(" {flown_s:.1} of {end_s:.1} s");
@@ -140,7 +140,7 @@ fn head_of(snapshot: &Snapshot, talk: &Talk, palette: Palette, width: u16) -> Ve
             format!("run {run}  {scenario}, {clock}, "),
             Style::new().add_modifier(Modifier::BOLD),
         ),
-        Span::styled(stage, palette.alarm(talk.over)),
+        Span::styled(stage, palette.alarm(talk.over.is_some())),
     ];
     if snapshot.dropped > 0 {
         title.push(Span::styled(format!("  {} unseen", snapshot.dropped), palette.alarm(true)));

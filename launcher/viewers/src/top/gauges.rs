@@ -68,6 +68,8 @@ struct Step {
 pub struct Gauges {
     steps: BTreeMap<(Role, u32), VecDeque<Step>>,
     totals: BTreeMap<(Role, u32), LoopStats>,
+    /// The last release of all \[ns\].
+    newest_ns: u64,
     /// Publication of inertial samples by sequence \[ns\].
     imu: VecDeque<(u64, u64)>,
 }
@@ -111,6 +113,7 @@ impl Gauges {
             compute_ns: header.publish_mono_ns.saturating_sub(header.start_mono_ns),
             input_age_ns: published_ns.map(|at_ns| header.start_mono_ns.saturating_sub(at_ns)),
         });
+        self.newest_ns = self.newest_ns.max(header.release_ns);
         let oldest_ns = header.release_ns.saturating_sub(WINDOW_NS);
         while steps.front().is_some_and(|step| step.release_ns < oldest_ns) {
             steps.pop_front();
@@ -127,15 +130,19 @@ impl Gauges {
             ..Gauge::default()
         };
         let Some(steps) = self.steps.get(&(role, seat)) else { return gauge };
-        if let (Some(first), Some(last)) = (steps.front(), steps.back())
+        // A loop that has stopped is followed by no step that would make its old ones go.
+        let oldest_ns = self.newest_ns.saturating_sub(WINDOW_NS);
+        let outdated = steps.partition_point(|step| step.release_ns < oldest_ns);
+        let steps = || steps.range(outdated..);
+        if let (Some(first), Some(last)) = (steps().next(), steps().next_back())
             && last.release_ns > first.release_ns
         {
             let span_s = (last.release_ns - first.release_ns) as f64 / 1e9;
-            gauge.hz = Some((steps.len() - 1) as f64 / span_s);
+            gauge.hz = Some((steps().len() - 1) as f64 / span_s);
         }
-        gauge.lateness = spread(steps.iter().map(|step| step.lateness_ns));
-        gauge.compute = spread(steps.iter().map(|step| step.compute_ns));
-        gauge.input_age = spread(steps.iter().filter_map(|step| step.input_age_ns));
+        gauge.lateness = spread(steps().map(|step| step.lateness_ns));
+        gauge.compute = spread(steps().map(|step| step.compute_ns));
+        gauge.input_age = spread(steps().filter_map(|step| step.input_age_ns));
         gauge
     }
 }

@@ -10,7 +10,8 @@ use protocol::control::status::RunStatus;
 use protocol::control::{Reply, Request};
 use protocol::topic::live::{ListenError, Listening, Message};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
-use runtime::clock::mono_now_ns;
+use runtime::clock::{mono_now_ns, sleep_until};
+use runtime::namespace::living_runs;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -23,6 +24,8 @@ use std::thread::{Builder, JoinHandle};
 
 /// From one picture to the next.
 const FRAME: Duration = Duration::from_millis(250);
+/// Longest wait for a message, and for another launcher to ask for one.
+const WAIT: Duration = Duration::from_millis(100);
 /// Lines of answers that are kept.
 const KEPT: usize = 100;
 
@@ -35,7 +38,7 @@ pub struct GaugeReader {
 }
 
 impl GaugeReader {
-    /// Receives the samples of a run until dropped, or until it is over.
+    /// Receives the samples of a run until dropped, from whichever launcher leads it.
     ///
     /// # Errors
     /// The run lets no client listen.
@@ -44,15 +47,23 @@ impl GaugeReader {
         let received = Arc::<Mutex<(Gauges, u64)>>::default();
         let leave = Arc::<AtomicBool>::default();
         let (into, leaves) = (Arc::clone(&received), Arc::clone(&leave));
+        let again = run.clone();
         let thread = Builder::new().spawn(move || {
             while !leaves.load(Ordering::Relaxed) {
-                let message = listening.next(Duration::from_millis(100));
+                let message = listening.next(WAIT);
+                if matches!(message, Ok(Message::Over) | Err(_)) {
+                    // Another launcher may take the run over.
+                    sleep_until(mono_now_ns() + 100_000_000);
+                    if let Ok(again) = Listening::to(&again, &wanted(), false) {
+                        listening = again;
+                    }
+                    continue;
+                }
                 let mut received = into.lock().unwrap_or_else(PoisonError::into_inner);
                 match message {
                     Ok(Message::Sample(topic, packed)) => received.0.take(topic, &packed),
                     Ok(Message::Dropped(count)) => received.1 += count,
-                    Ok(Message::Nothing | Message::Log(_) | Message::Ended(_)) => {}
-                    Ok(Message::Over) | Err(_) => return,
+                    Ok(_) | Err(_) => {}
                 }
             }
         });
@@ -184,10 +195,12 @@ impl<'a> Screen<'a> {
     }
 
     fn look(&mut self) -> Snapshot {
-        match status_of(self.run) {
-            Ok(status) => self.status = status,
+        if let Ok(status) = status_of(self.run) {
+            (self.status, self.talk.over) = (status, None);
+        } else {
             // What was seen last stays on the screen.
-            Err(_) => self.talk.over = true,
+            let lives = living_runs().iter().any(|(id, _)| id == self.run.id());
+            self.talk.over = Some(if lives { "no launcher answers" } else { "ended" });
         }
         let now_s = mono_now_ns().saturating_sub(self.begin_ns) as f64 / 1e9;
         self.reader.snapshot(self.status.clone(), &mut self.usage, now_s)

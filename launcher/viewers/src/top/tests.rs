@@ -121,7 +121,7 @@ fn everything_is_on_80_by_24_even_where_all_numbers_are_wide() {
 #[test]
 fn a_command_is_typed_where_the_keys_were_and_what_is_over_is_marked() {
     let typed = "swap attitude --to attitude-mpc".to_owned();
-    let talk = Talk { typing: Some(typed.clone()), over: true, ..Talk::default() };
+    let talk = Talk { typing: Some(typed.clone()), over: Some("ended"), ..Talk::default() };
     let lines = screen(80, 24, &snapshot(), &talk);
     assert_eq!(lines[23], format!("> {typed}"));
     assert!(lines[0].ends_with("ended"), "{}", lines[0]);

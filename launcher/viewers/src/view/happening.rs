@@ -239,7 +239,7 @@ impl World {
         let text = match mode {
             GateMode::Normal => "the gate lets commands through again",
             GateMode::Hold => "no valid command: the gate holds the last one",
-            GateMode::Level => "no command that counts: the gate levels the vehicle",
+            GateMode::Level => "no command that counts: the gate flies the vehicle itself",
             GateMode::Recover => {
                 "the gate levels the vehicle: its owner has tripped, or was about to overturn it"
             }
@@ -249,7 +249,8 @@ impl World {
         let (worst, quiet_ns) = self.episode;
         let worst = if at_ns < quiet_ns { worst } else { GateMode::Normal };
         happening.is_mark = mode.0 > worst.0;
-        self.episode = (if happening.is_mark { mode } else { worst }, at_ns + EPISODE_NS);
+        self.episode =
+            (if happening.is_mark { mode } else { worst }, at_ns.saturating_add(EPISODE_NS));
         Some(happening)
     }
 }

@@ -266,7 +266,7 @@ impl InputVisitor for ReportInputs<'_> {
                 if let Some(before) = late.take_if(|late| late.generation != generation) {
                     self.report.late(name, header.seat, &before);
                 }
-                let Header { sequence, valid_ns: due_ns, .. } = *header;
+                let (sequence, due_ns) = (header.sequence, input.effect_ns(header.valid_ns));
                 let new = LateRange { generation, first: sequence, last: sequence, due_ns };
                 late.get_or_insert(new).last = sequence;
             }

@@ -148,10 +148,16 @@ impl Edge {
         mark_ns.saturating_add(self.latency_ns).saturating_add(u64::from(self.strict))
     }
 
-    /// True if a sample effective at `valid_ns` belongs to the consumer's step at `t_ns`.
+    /// Instant from which a sample that names `valid_ns` is in effect for the consumer \[ns\].
+    #[must_use]
+    pub fn effect_ns(&self, valid_ns: u64) -> u64 {
+        valid_ns.saturating_add(self.held_back_ns)
+    }
+
+    /// True if a sample that names `valid_ns` as its instant of effect belongs to the consumer's step at `t_ns`.
     #[must_use]
     pub fn in_effect(&self, valid_ns: u64, t_ns: u64) -> bool {
-        let from_ns = valid_ns.saturating_add(self.held_back_ns);
+        let from_ns = self.effect_ns(valid_ns);
         from_ns < t_ns || (!self.strict && from_ns == t_ns)
     }
 }

@@ -21,8 +21,8 @@ pub struct GateConfig {
     /// more is nearer the ground when its rotors are cut; never if this is as long as `level_max_s`.
     #[garde(range(min = 0.0, max = 60.0), custom(finite))]
     pub descend_after_s: f64,
-    /// Speed of that descent beside the one at the last command, by the accelerometer alone: its bias takes a few tenths of
-    /// a metre per second from it, or adds them.
+    /// Speed of that descent. Where estimates have ended it is beside the one at the last command, by the accelerometer alone:
+    /// its bias takes a few tenths of a metre per second from it, or adds them.
     #[garde(range(min = 0.0, max = 5.0), custom(finite))]
     pub descend_m_s: f64,
     /// Tilt that LEVEL cannot recover from.

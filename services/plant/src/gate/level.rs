@@ -28,7 +28,7 @@ const MAX_READING_AGE_NS: u64 = 20_000_000;
 ///
 /// d up/dt = −ω × up + (f/|f| − up) / time constant. A quadrotor's specific force lies along its
 /// own z axis over short times, so the time constant is long, and the correction rests in LEVEL,
-/// where the thrust is constant and the accelerometer would call every tilt level.
+/// where the thrust is along that axis all the time and the accelerometer would call every tilt level.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct UpFilter {
     pub(super) up_b: Vector3<f64>,
@@ -60,9 +60,10 @@ impl UpFilter {
         usable
     }
 
-    /// Turns up by the last rate over `dt_s`.
-    pub(super) fn predict(&mut self, dt_s: f64) {
-        let turn = UnitQuaternion::from_scaled_axis(self.rate_b * -dt_s.min(MAX_STEP_S));
+    /// Turns up by the last rate less the gyro's bias over `dt_s`.
+    pub(super) fn predict(&mut self, dt_s: f64, bias_b: &Vector3<f64>) {
+        let rate_b = self.rate_b - bias_b;
+        let turn = UnitQuaternion::from_scaled_axis(rate_b * -dt_s.min(MAX_STEP_S));
         self.up_b = (turn * self.up_b).try_normalize(0.1).unwrap_or_else(Vector3::z);
     }
 
@@ -139,13 +140,14 @@ impl Aim {
         Self { up_b: Vector3::z(), thrust_n: vehicle.weight_n() }
     }
 
-    /// At roll and pitch as far as their tilt is at most `most_rad`.
+    /// At roll and pitch as far as their tilt is at most `most_rad`, with the same thrust upwards.
     pub(super) fn tilted(roll_pitch_rad: [f64; 2], most_rad: f64, thrust_n: f64) -> Self {
+        let upwards = roll_pitch_rad.map(libm::cos).iter().product::<f64>() * thrust_n;
         let [roll_rad, pitch_rad] = Vector2::from(roll_pitch_rad).cap_magnitude(most_rad).into();
         let (sin_roll, cos_roll) = libm::sincos(roll_rad);
         let (sin_pitch, cos_pitch) = libm::sincos(pitch_rad);
         let up_b = Vector3::new(-sin_pitch, sin_roll * cos_pitch, cos_roll * cos_pitch);
-        Self { up_b, thrust_n }
+        Self { up_b, thrust_n: upwards / up_b.z }
     }
 }
 
@@ -244,7 +246,7 @@ mod tests {
             let omega = Vector3::new(libm::cos(7.0 * t), libm::sin(5.0 * t), 3.0);
             q_wb *= UnitQuaternion::from_scaled_axis(omega * 1e-3);
             assert!(filter.read(0, &reading(omega, Vector3::zeros())));
-            filter.predict(1e-3);
+            filter.predict(1e-3, &Vector3::zeros());
         }
         assert!((filter.up_b - q_wb.inverse_transform_vector(&Vector3::z())).norm() < 1e-12);
     }

@@ -27,6 +27,9 @@ use level::{Aim, LevelLaw, MAX_STEP_S, UpFilter, descent_thrust_n};
 use mode::{ModeLimits, Observation};
 use navigation::{Navigation, NavigationMemory};
 
+/// Largest gyro bias that is believed: more would be a wrong estimate \[rad/s\].
+const BIAS_MAX_RAD_S: f64 = 0.1;
+
 /// Share of the tilt at which LEVEL brakes hard up to which it tilts the vehicle itself.
 const AIMED_SHARE: f64 = 0.8;
 
@@ -103,7 +106,8 @@ shared_types::memory! {
         pub morph_angle_rad: f64,
         /// Instant of the last tick \[ns\].
         pub tick_ns: u64,
-        /// Vertical speed that the vehicle has gained since it was commanded last \[m/s\].
+        /// Vertical speed, or what the vehicle has gained of it since it was commanded last if it has not been known since
+        /// \[m/s\].
         pub climb_m_s: f64,
         /// LEVEL has found the vehicle calm, and need not brake as hard as RECOVER.
         pub levels_gently: bool,
@@ -274,7 +278,7 @@ impl Gate {
         let reading_s = input.now_ns.saturating_sub(self.filter.reading_ns) as f64 * 1e-9;
         self.tick_ns = input.now_ns;
         // Over the step that ends now the rate was the last one read.
-        self.filter.predict(tick_s);
+        self.filter.predict(tick_s, &self.navigation.gyro_bias_b().cap_magnitude(BIAS_MAX_RAD_S));
         let is_usable = |reading: &&ImuSample| self.filter.read(input.now_ns, reading);
         let usable = input.reading.as_ref().filter(is_usable);
         let gravity = self.vehicle.gravity_m_s2;
@@ -284,7 +288,9 @@ impl Gate {
         let force_b = &reading.specific_force_b_m_s2;
         if matches!(self.mode, Mode::Level { .. } | Mode::Recover { .. }) {
             let step_s = reading_s.min(MAX_STEP_S);
-            self.climb_m_s += self.filter.climbing_m_s2(force_b, gravity) * step_s;
+            let faster_m_s = self.filter.climbing_m_s2(force_b, gravity) * step_s;
+            // What is gained from the last known speed on, or from that at the last command.
+            self.climb_m_s = self.navigation.climb_m_s().unwrap_or(self.climb_m_s + faster_m_s);
         } else {
             let share = (reading_s / self.filter_time_constant_s).min(MAX_CORRECTION);
             self.filter.correct(force_b, gravity, share);

@@ -369,6 +369,11 @@ impl<T: Sample> Input<T> {
         self.known_until_ns = Some(t_ns);
     }
 
+    /// From when on a sample that names `valid_ns` is in effect \[ns\].
+    pub(crate) fn effect_ns(&self, valid_ns: u64) -> u64 {
+        self.edge.as_ref().map_or(valid_ns, |edge| edge.effect_ns(valid_ns))
+    }
+
     pub(crate) fn in_effect(&self, valid_ns: u64, t_ns: u64) -> bool {
         is_in_effect(self.edge.as_ref(), valid_ns, t_ns)
     }
