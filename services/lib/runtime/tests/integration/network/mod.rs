@@ -85,29 +85,29 @@ fn ten_deaths_in_one_flight_change_nothing() {
 
 #[test]
 fn a_command_latency_far_above_every_period_is_part_of_the_bound() {
-    // The plant may run 150 ms ahead of the attitude loop and of the monitor, so that its sensors pile up at
-    // the estimator although no period is longer than 10 ms.
+    // All others may run 150 ms ahead of the position loop and of the monitor, so that estimates pile up at the position
+    // loop although no period is longer than 10 ms.
     let wiring = Wiring {
-        wrench_latency_ns: 150_000_000,
+        setpoint_latency_ns: 150_000_000,
         trip_latency_ns: 150_000_000,
         ..Wiring::default()
     };
     let plan = wiring.plan(1).unwrap();
     let expected = fly_in_textbook_order(&plan);
-    let imu = plan.graph.edge(&topics::IMU.info, Role::Estimator).unwrap();
+    let estimate = plan.graph.edge(&topics::STATE_ESTIMATE.info, Role::Position).unwrap();
     let mut highest = 0;
     for seed in 0..20 {
         let flown = fly_in_random_order(&plan, seed, &[]);
         assert_eq!(flown.complaints(&expected), Vec::<String>::new());
-        highest = highest.max(flown.log.peaks[&("imu", Role::Estimator.index())]);
+        highest = highest.max(flown.log.peaks[&("state_estimate", Role::Position.index())]);
     }
-    let bound = plan.graph.most_waiting(imu, 1);
+    let bound = plan.graph.most_waiting(estimate, 1);
     assert!(highest > 120 && highest <= bound, "{highest} of {bound}");
     let too_fast =
-        Wiring { rates_hz: [8000.0, 1000.0, 100.0, 500.0, 200.0, 100.0, 100.0], ..wiring };
+        Wiring { rates_hz: [1000.0, 8000.0, 100.0, 500.0, 200.0, 100.0, 100.0], ..wiring };
     assert!(matches!(
         too_fast.graph(),
-        Err(GraphError::BufferTooSmall { topic: "imu", consumer: "estimator", .. })
+        Err(GraphError::BufferTooSmall { topic: "state_estimate", consumer: "position", .. })
     ));
 }
 
