@@ -24,8 +24,8 @@ use std::thread::{Builder, JoinHandle};
 
 /// From one picture to the next.
 const FRAME: Duration = Duration::from_millis(250);
-/// Longest wait for a message, and for another launcher to ask for one.
-const WAIT: Duration = Duration::from_millis(100);
+/// Longest wait for a message, and from one attempt to hear from another launcher to the next \[ns\].
+const WAIT_NS: u64 = 100_000_000;
 /// Lines of answers that are kept.
 const KEPT: usize = 100;
 
@@ -47,14 +47,14 @@ impl GaugeReader {
         let received = Arc::<Mutex<(Gauges, u64)>>::default();
         let leave = Arc::<AtomicBool>::default();
         let (into, leaves) = (Arc::clone(&received), Arc::clone(&leave));
-        let again = run.clone();
+        let led = run.clone();
         let thread = Builder::new().spawn(move || {
             while !leaves.load(Ordering::Relaxed) {
-                let message = listening.next(WAIT);
+                let message = listening.next(Duration::from_nanos(WAIT_NS));
                 if matches!(message, Ok(Message::Over) | Err(_)) {
                     // Another launcher may take the run over.
-                    sleep_until(mono_now_ns() + 100_000_000);
-                    if let Ok(again) = Listening::to(&again, &wanted(), false) {
+                    sleep_until(mono_now_ns() + WAIT_NS);
+                    if let Ok(again) = Listening::to(&led, &wanted(), false) {
                         listening = again;
                     }
                     continue;
@@ -63,7 +63,7 @@ impl GaugeReader {
                 match message {
                     Ok(Message::Sample(topic, packed)) => received.0.take(topic, &packed),
                     Ok(Message::Dropped(count)) => received.1 += count,
-                    Ok(_) | Err(_) => {}
+                    _ => {}
                 }
             }
         });
