@@ -365,10 +365,10 @@ fn only_shared_types_runtime_and_tests_know_the_transport() {
     }
 }
 
-/// Each dependency that a command builds, with every choice of its features that is built.
-fn features(selection: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
+/// Each dependency that a command builds, with every choice of its features that is built along edges of these kinds.
+fn features(selection: &[&str], edges: &str) -> BTreeMap<String, BTreeSet<String>> {
     let output = Command::new(env!("CARGO"))
-        .args(["tree", "--offline", "--prefix", "none", "--format", "{p}|{f}"])
+        .args(["tree", "--offline", "--prefix", "none", "--format", "{p}|{f}", "--edges", edges])
         .args(selection)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
@@ -386,21 +386,25 @@ fn features(selection: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
 
 #[test]
 fn every_selection_of_packages_shares_what_the_workspace_has_built() {
-    let whole = features(&["--workspace"]);
-    assert!(whole.len() > 100, "{whole:?}");
     let names: Vec<String> = workspace().into_keys().collect();
-    // The first is `cargo run`.
-    let mut selections = vec![vec!["-e", "no-dev"]];
-    selections.extend(names.iter().map(|name| vec!["-p", name.as_str()]));
-    for selection in selections {
-        for (package, features) in features(&selection) {
-            let built = &whole[&package];
-            assert!(
-                features.is_subset(built),
-                "`cargo tree {}` has {package} with {features:?} and the workspace with {built:?}: name all \
-                 features in services/lib/workspace-hack/Cargo.toml",
-                selection.join(" ")
-            );
+    // A package may have one choice of features for programs and another one for build scripts, so that what programs are
+    // made of is compared alone too.
+    for edges in ["normal,build,dev", "normal,dev,no-proc-macro"] {
+        let whole = features(&["--workspace"], edges);
+        assert!(whole.len() > 100, "{whole:?}");
+        // The first is `cargo run`.
+        let mut selections = vec![(edges.replace(",dev", ""), vec![])];
+        selections.extend(names.iter().map(|name| (edges.to_owned(), vec!["-p", name.as_str()])));
+        for (edges, selection) in selections {
+            for (package, features) in features(&selection, &edges) {
+                let built = &whole[&package];
+                assert!(
+                    features.is_subset(built),
+                    "`cargo tree --edges {edges} {}` has {package} with {features:?} and the workspace with {built:?}: \
+                     name all features in services/lib/workspace-hack/Cargo.toml",
+                    selection.join(" ")
+                );
+            }
         }
     }
 }
