@@ -43,10 +43,10 @@ pub struct GateConfig {
     #[garde(range(min = 0.0, max = 100.0), custom(finite))]
     pub recover_rate_rad_s: f64,
     /// Tilt below which commands count again.
-    #[garde(range(min = 0.0, max = 3.2), custom(finite))]
+    #[garde(range(min = 0.0, max = 3.2), custom(finite), custom(at_most(self.recover_tilt_rad, "recover_tilt_rad")))]
     pub recovered_tilt_rad: f64,
     /// Rate about roll and pitch below which they do.
-    #[garde(range(min = 0.0, max = 100.0), custom(finite))]
+    #[garde(range(min = 0.0, max = 100.0), custom(finite), custom(at_most(self.recover_rate_rad_s, "recover_rate_rad_s")))]
     pub recovered_rate_rad_s: f64,
     /// Longest RECOVER; then commands count, or LEVEL begins.
     #[garde(range(min = 0.0, max = 60.0), custom(finite))]
@@ -72,15 +72,26 @@ pub struct GateConfig {
     #[garde(range(min = 0.1, max = 1e3), custom(finite))]
     pub filter_time_constant_s: f64,
     /// Largest thrust that a command may ask for, in weights.
-    #[garde(range(min = 0.0, max = 100.0), custom(finite))]
+    #[garde(range(min = 1.0, max = 100.0), custom(finite))]
     pub thrust_range_weights: f64,
     /// Largest torque that a command may ask for, relative to the most the rotors can ever give;
     /// above 1 only for a plant without rotor limits.
-    #[garde(range(min = 0.0, max = 1e3), custom(finite))]
+    #[garde(range(min = 0.1, max = 1e3), custom(finite))]
     pub torque_range_factor: f64,
     /// A command is never valid for longer.
     #[garde(range(min = 0.0, max = 10.0), custom(finite))]
     pub validity_max_s: f64,
+}
+
+/// Accepts what is no larger than another key, beyond which RECOVER begins: it ends below.
+fn at_most(largest: f64, name: &'static str) -> impl Fn(&f64, &()) -> garde::Result {
+    move |value, ()| {
+        if *value <= largest {
+            Ok(())
+        } else {
+            Err(garde::Error::new(format!("is larger than {name}, {largest}")))
+        }
+    }
 }
 
 impl Default for GateConfig {
@@ -134,5 +145,33 @@ impl GateConfig {
 
     pub(super) fn tip_over_ns(&self) -> u64 {
         ns_from_s(self.tip_over_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::GateConfig;
+    use garde::Validate as _;
+
+    #[test]
+    fn a_recovery_ends_below_where_it_begins_and_a_vehicle_may_be_held_up() {
+        let refused = |change: fn(&mut GateConfig)| {
+            let mut config = GateConfig::default();
+            change(&mut config);
+            config.validate().map_err(|report| report.to_string()).err()
+        };
+        assert_eq!(refused(|_| {}), None);
+        let tilt = refused(|config| config.recovered_tilt_rad = 0.36).expect("is refused");
+        assert!(
+            tilt.contains("recovered_tilt_rad: is larger than recover_tilt_rad, 0.35"),
+            "{tilt}"
+        );
+        let rate = refused(|config| config.recover_rate_rad_s = 2.9).expect("is refused");
+        assert!(
+            rate.contains("recovered_rate_rad_s: is larger than recover_rate_rad_s, 2.9"),
+            "{rate}"
+        );
+        assert!(refused(|config| config.thrust_range_weights = 0.9).is_some());
+        assert!(refused(|config| config.torque_range_factor = 0.0).is_some());
     }
 }
