@@ -53,6 +53,20 @@ fn flights_in_one_process_and_rigs_can_be_taken_up_too() {
 }
 
 #[test]
+fn a_branch_long_after_a_step_knows_how_the_step_was_answered() {
+    let flown = fly(&["attitude-step"]);
+    let (code, json, stderr) = branch(&flown.recording_path(), "@0.95s", &[]);
+    assert_eq!(code, Some(0), "{json} {stderr}");
+    for axis in ["roll", "pitch", "yaw"] {
+        for of in ["settling_s", "peak_rad"] {
+            let key = format!("{axis}_{of}");
+            assert_eq!(json[&key], flown.summary()[&key], "{key}");
+            assert!(json[&key].as_f64() > Some(0.0), "{key}: {json}");
+        }
+    }
+}
+
+#[test]
 fn a_fault_at_a_tick_changes_nothing_before_and_is_a_whole_flights_fault_after() {
     let flown = fly(&["hover", "--for", "3s"]);
     let scratch = TempDir::new().expect("a folder");

@@ -2,6 +2,7 @@
 
 use super::BenchError;
 use super::report::LoopsReport;
+use host::exit;
 use serde_json::Value;
 use std::io::Read as _;
 use std::process::{Child, Command, Stdio};
@@ -42,7 +43,7 @@ impl Flight {
     /// Waits for its end.
     ///
     /// # Errors
-    /// It ends without a result that can be read.
+    /// It ends without a result that can be read, or could not begin: that has not to do with what was to be flown.
     pub fn wait(mut self) -> Result<Flown, BenchError> {
         let mut output = String::new();
         if let Some(out) = &mut self.0.stdout {
@@ -57,6 +58,9 @@ impl Flight {
         let error = result["error"].as_str().map(str::to_owned);
         match (status.code(), error) {
             (Some(2), Some(error)) => Ok(Flown::Refused(error)),
+            (Some(code), Some(error)) if code == i32::from(exit::UNFIT) => {
+                Err(BenchError::Unfit(error))
+            }
             (_, Some(error)) => Ok(Flown::Lost(error)),
             (Some(0 | 1), None) => {
                 let report = serde_json::from_value(result["report"].clone());

@@ -239,6 +239,12 @@ impl Gate {
         matches!(self, Self::Growth { .. })
     }
 
+    /// True if it compares with the machine alone.
+    #[must_use]
+    pub fn needs_floor(&self) -> bool {
+        matches!(self, Self::Floor { .. })
+    }
+
     /// Everything that exceeds it, and what it asks about and was not measured.
     #[must_use]
     pub fn judge(&self, now: &LoopsReport, before: Option<&LoopsReport>) -> Vec<String> {
@@ -262,7 +268,19 @@ impl Gate {
         let gone = gone.map(|(name, _)| format!("{name} was not measured"));
         let none = figure.filter(|_| chosen(now, figure).next().is_none());
         let none = none.map(|figure| format!("no {figure} was measured"));
-        still.chain(gone).chain(none).collect()
+        still.chain(gone).chain(none).chain(self.without_floor(now)).collect()
+    }
+
+    /// A limit over the floor means something where there is one: for a figure that is named, in all places.
+    fn without_floor(&self, now: &LoopsReport) -> Vec<String> {
+        let Self::Floor { figure, .. } = self else { return Vec::new() };
+        let bare =
+            || chosen(now, figure.as_deref()).filter(|(_, measured)| measured.ratio.is_none());
+        if figure.is_some() {
+            return bare().map(|(name, _)| format!("{name} has no floor")).collect();
+        }
+        let none = bare().count() == chosen(now, None).count();
+        none.then(|| "no figure was measured beside a floor".to_owned()).into_iter().collect()
     }
 
     fn exceeded(&self, now: &LoopsReport, before: Option<&LoopsReport>) -> Vec<String> {

@@ -84,6 +84,14 @@ pub enum BenchError {
         "save a result with --save FILE and compare with it, or give a limit such as p99:200us or p99:1.2x"
     ))]
     NothingToCompare,
+    /// A limit over the floor, which is not to be measured.
+    #[error("--gate with a multiple such as 1.2x needs the floor, and --no-floor leaves it out")]
+    #[diagnostic(help("leave --no-floor away, or give a limit such as p99:200us"))]
+    NoFloor,
+    /// A flight of the measurement could not begin.
+    #[error("a flight could not begin: {0}")]
+    #[diagnostic(help("`morphquad doctor` shows what this machine lacks"))]
+    Unfit(String),
     /// A result could not be written.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -119,6 +127,7 @@ impl BenchError {
             Self::Scenario(_)
             | Self::Compare(_)
             | Self::NothingToCompare
+            | Self::NoFloor
             | Self::StandardInput
             | Self::Realtime { .. }
             | Self::WarmUp { .. }

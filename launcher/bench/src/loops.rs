@@ -6,8 +6,8 @@ use super::BenchError;
 use super::facts::BenchFacts;
 use super::floor::{Floor, FloorPlan};
 use super::measure::{Chains, Steps, Window};
-use super::peer::Seat;
 use super::peer::load::Load;
+use super::peer::{Peer, Seat};
 use super::place::{Place, Policy};
 use super::report::{FORMAT, FORMAT_VERSION, LoopsReport, Terms};
 use document::ScenarioError;
@@ -123,7 +123,7 @@ pub fn measure(plan: &LoopsPlan) -> Result<Measured, BenchError> {
     let seat = Seat { fifo: plan.place.fifo(), ..Seat::default() };
     // A service that is flown by an executable of its own has no step here.
     let alone = super::alone::steps_alone(&plan.alone, seat).unwrap_or_default();
-    let _load = plan.load.begin(&plan.place)?;
+    let mut load = plan.load.begin(&plan.place)?;
     let floor_plan = if plan.with_floor { floor_plan(&graph) } else { FloorPlan::default() };
     let floor = plan.with_floor.then(|| Floor::prepare(&floor_plan, &plan.place)).transpose()?;
     let watch = floor
@@ -141,6 +141,8 @@ pub fn measure(plan: &LoopsPlan) -> Result<Measured, BenchError> {
         live: None,
     };
     let (summary, watch) = run_measured(&options, watch)?;
+    // A load that has ended by itself, on a full disk for one, was none.
+    load.iter_mut().try_for_each(Peer::stop::<()>)?;
     let steal_percent = MachineTime::read().stolen_percent_since(&before);
     let data = floor.map(Floor::finish).transpose()?.unwrap_or_default();
     let window = Window {

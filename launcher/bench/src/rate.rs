@@ -24,6 +24,8 @@ pub struct Trial {
     pub achieved_hz: Option<f64>,
     /// Steps after the warm-up.
     pub steps: u64,
+    /// Releases after it, those that were left out among them.
+    pub releases: u64,
     /// Of its releases.
     pub miss_share: f64,
     /// Lateness, median and 99 % \[us\].
@@ -52,9 +54,9 @@ pub struct Ladder {
 impl Trial {
     /// Both flights as one; of figures the worse.
     fn and(self, other: Self) -> Self {
-        let (steps, of_steps) =
-            (self.steps + other.steps, |t: &Self| t.miss_share * t.steps as f64);
-        let miss_share = (of_steps(&self) + of_steps(&other)) / steps.max(1) as f64;
+        let missed = |t: &Self| t.miss_share * t.releases as f64;
+        let releases = self.releases + other.releases;
+        let miss_share = (missed(&self) + missed(&other)) / releases.max(1) as f64;
         let mut achieved_hz = other.achieved_hz.or(self.achieved_hz);
         if let (Some(a), Some(b)) = (self.achieved_hz, other.achieved_hz) {
             achieved_hz = Some(f64::midpoint(a, b));
@@ -63,7 +65,8 @@ impl Trial {
         let lost = self.lost.or(other.lost);
         Self {
             achieved_hz,
-            steps,
+            steps: self.steps + other.steps,
+            releases,
             miss_share,
             lateness_us: [0, 1].map(|i| worse(self.lateness_us[i], other.lateness_us[i])),
             compute_us: worse(self.compute_us, other.compute_us),
@@ -148,6 +151,7 @@ pub fn fly(arguments: &[String], name: &str, rate_hz: f64) -> Result<Trial, Benc
         rate_hz,
         achieved_hz: None,
         steps: 0,
+        releases: 1,
         miss_share: 1.0,
         lateness_us: [0.0; 2],
         compute_us: 0.0,
@@ -176,6 +180,7 @@ fn of(report: &LoopsReport, name: &str, trial: Trial) -> Trial {
     Trial {
         achieved_hz: found.achieved_hz,
         steps: found.counts.steps,
+        releases: found.counts.releases(),
         miss_share,
         lateness_us: [at("lateness", Rank::P50), at("lateness", Rank::P99)],
         compute_us: at("compute", Rank::P99),
@@ -220,6 +225,14 @@ pub fn table(ladders: &[Ladder]) -> Table {
     table
 }
 
+/// Why flights were not flown to their end, a line each.
+#[must_use]
+pub fn losses(ladders: &[Ladder]) -> Vec<String> {
+    let trials = ladders.iter().flat_map(|ladder| &ladder.trials);
+    let lost = trials.filter_map(|trial| Some((trial, trial.lost.as_ref()?)));
+    lost.map(|(trial, why)| format!("{} at {} Hz: {why}", trial.name, trial.rate_hz)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -230,6 +243,7 @@ mod tests {
             rate_hz,
             achieved_hz: Some(rate_hz),
             steps: 100,
+            releases: 100,
             miss_share: if holds { 0.0 } else { 0.5 },
             lateness_us: [1.0, 2.0],
             compute_us: 3.0,
@@ -256,6 +270,7 @@ mod tests {
     fn a_hiccup_in_one_of_two_flights_is_judged_by_both() {
         let short = |misses: f64| Trial {
             steps: 1000,
+            releases: 1000,
             miss_share: misses / 1000.0,
             holds: misses <= 1.0,
             ..trial(100.0, true)
@@ -266,6 +281,10 @@ mod tests {
         assert!(first.holds && first.steps == 2000, "{first:?}");
         let second = try_rate(100.0, &mut fly).unwrap();
         assert!(!second.holds && (second.miss_share - 0.0015).abs() < 1e-12, "{second:?}");
+        // What was left out is half of the first flight's releases, and a quarter of both.
+        let half = Trial { steps: 1000, releases: 2000, ..trial(100.0, false) };
+        let whole = Trial { steps: 2000, releases: 2000, ..trial(100.0, true) };
+        assert!((half.and(whole).miss_share - 0.25).abs() < 1e-12);
     }
 
     #[test]

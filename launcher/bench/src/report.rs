@@ -63,7 +63,13 @@ impl Counts {
     #[must_use]
     pub fn miss_share(&self) -> f64 {
         let missed = self.skipped + self.deadline_misses.max(self.overruns);
-        missed as f64 / (self.steps + self.skipped).max(1) as f64
+        missed as f64 / self.releases().max(1) as f64
+    }
+
+    /// Releases, those that were left out among them.
+    #[must_use]
+    pub fn releases(&self) -> u64 {
+        self.steps + self.skipped
     }
 }
 

@@ -132,6 +132,9 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
                 place.to_line(),
                 rate::table(&ladders)
             );
+            for lost in rate::losses(&ladders) {
+                text = format!("{text}{lost}\n");
+            }
             for ladder in &ladders {
                 let held = ladder
                     .highest_hz

@@ -11,6 +11,7 @@ use scenario::services::{self, Assignment};
 use scenario::settings::{Clock, FaultSettings, ScenarioSettings, StandbySettings, SwapSettings};
 use scenario::{self, Scenario, needs};
 use serde_json::json;
+use shared_types::Role;
 use std::io::{self, Write};
 
 /// Prints the scenario and, since it has been loaded, `ok`.
@@ -171,14 +172,16 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
          `morphquad doctor` shows whether they can be had here",
         needs::TASKS
     )?;
-    let law = scenario.attitude_law().map_err(io::Error::other)?;
-    let look_ahead_s = Settings::look_ahead_s(&law).map_err(io::Error::other)?;
-    writeln!(
-        out,
-        "law     attitude looks {look_ahead_s:.3} s ahead in {:.0} samples, solver {:?}",
-        look_ahead_s * law.rate_hz,
-        law.solver
-    )?;
+    if Assignment::of(settings).name(Role::Attitude) == "attitude-mpc" {
+        let law = scenario.attitude_law().map_err(io::Error::other)?;
+        let look_ahead_s = Settings::look_ahead_s(&law).map_err(io::Error::other)?;
+        writeln!(
+            out,
+            "law     attitude looks {look_ahead_s:.3} s ahead in {:.0} samples, solver {:?}",
+            look_ahead_s * law.rate_hz,
+            law.solver
+        )?;
+    }
     let knots = settings.pilot.common.morph.iter();
     let path: Vec<String> =
         knots.map(|[t_s, angle_deg]| format!("{angle_deg} deg at {t_s} s")).collect();

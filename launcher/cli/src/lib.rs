@@ -215,8 +215,12 @@ fn show_summary(summary: &Summary, format: Format, out: &mut dyn Write) -> Done 
         Format::Text => writeln!(out, "{summary}"),
         Format::Json => writeln!(out, "{}", summary.to_json()),
     };
-    let code = summary.exit_code();
-    match written.and_then(|()| out.flush()) {
+    finished(written.and_then(|()| out.flush()), summary.exit_code())
+}
+
+/// Ends a command whose result has been written, or could not be: a reader that has gone makes no pass of a fail.
+fn finished(written: io::Result<()>, code: u8) -> Done {
+    match written {
         Err(error) if code == exit::PASS => Err(error.into()),
         _ => Ok(code),
     }
@@ -232,9 +236,7 @@ fn conclude<E: miette::Diagnostic + Send + Sync + 'static>(
         let code = exit_code(&error);
         Failure::report(error, code)
     })?;
-    writeln!(out, "{}", text.trim_end())?;
-    out.flush()?;
-    Ok(code)
+    finished(writeln!(out, "{}", text.trim_end()).and_then(|()| out.flush()), code)
 }
 
 /// Stands for a scenario that is read from standard input.

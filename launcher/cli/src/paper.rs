@@ -21,8 +21,8 @@ pub(super) fn reproduce(arguments: &PaperArguments, out: &mut dyn Write) -> Done
     let mut folder = ResultsFolder::create(&arguments.out).map_err(unwritable)?;
     let findings = run(arguments).map_err(|error| Failure::plain(&error, exit::USAGE))?;
     write(&findings, &mut folder).map_err(unwritable)?;
-    print(&findings, &folder, arguments.format, out)?;
-    Ok(if report::holds(&findings) { exit::PASS } else { exit::FAILED })
+    let code = if report::holds(&findings) { exit::PASS } else { exit::FAILED };
+    crate::finished(print(&findings, &folder, arguments.format, out), code)
 }
 
 fn run(arguments: &PaperArguments) -> Result<Vec<Findings>, PaperError> {

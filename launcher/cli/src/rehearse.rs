@@ -31,17 +31,21 @@ pub(super) fn run(arguments: &RehearseArguments, out: &mut dyn Write) -> Done {
         return Ok(exit::PASS);
     }
     let outcome = verdict(spec, &mut until(scenario.settings().rehearsal.wall_max_s));
-    match arguments.format {
-        Format::Json => line(&outcome, out)?,
+    let text = match arguments.format {
+        Format::Json => line(&outcome)?,
         Format::Text => {
             let grade = if outcome.accepted { "ACCEPTED" } else { "REFUSED" };
-            writeln!(out, "{grade}  {}", outcome.message)?;
-            if let Some(figures) = outcome.measured() {
-                write!(out, "{}", table(figures))?;
-            }
+            let figures = outcome.measured().map(table).unwrap_or_default();
+            format!("{grade}  {}\n{figures}", outcome.message)
         }
-    }
-    Ok(if outcome.accepted { exit::PASS } else { exit::FAILED })
+    };
+    answer(&text, &outcome, out)
+}
+
+/// Writes a verdict; its code is its own, whether or not the text is read.
+fn answer(text: &str, outcome: &Verdict, out: &mut dyn Write) -> Done {
+    let code = if outcome.accepted { exit::PASS } else { exit::FAILED };
+    crate::finished(out.write_all(text.as_bytes()).and_then(|()| out.flush()), code)
 }
 
 /// False once so much wall time is over.
@@ -74,15 +78,12 @@ fn serve(file: &Path, by: i32, out: &mut dyn Write) -> Done {
     let cpu_s = wall_max_s.ceil() as u64 + 1;
     let _ = setrlimit(Resource::Cpu, Rlimit { current: Some(cpu_s), maximum: Some(cpu_s + 1) });
     let outcome = verdict(spec, &mut until(wall_max_s));
-    line(&outcome, out)?;
-    Ok(if outcome.accepted { exit::PASS } else { exit::FAILED })
+    answer(&line(&outcome)?, &outcome, out)
 }
 
-fn line(outcome: &Verdict, out: &mut dyn Write) -> Result<(), Failure> {
+fn line(outcome: &Verdict) -> Result<String, Failure> {
     let json = serde_json::to_string(outcome);
-    let json = json.map_err(|error| Failure::plain(&error, exit::UNFIT))?;
-    writeln!(out, "{json}")?;
-    Ok(out.flush()?)
+    json.map(|json| json + "\n").map_err(|error| Failure::plain(&error, exit::UNFIT))
 }
 
 fn scenario(arguments: &RehearseArguments) -> Result<Scenario, Failure> {
@@ -119,6 +120,12 @@ fn spec(arguments: &RehearseArguments, scenario: &Scenario) -> Result<RehearsalS
         let end_s = scenario.settings().scenario.duration_s;
         return Err(usage(format!("--at: the flight ends at {end_s} s: name an instant before")));
     }
+    if let Some(s) = other_owner_s(scenario).filter(|s| ns_from_s(*s) < at_ns) {
+        let what = format!("the scenario's script may give a slot to another controller at {s} s");
+        return Err(usage(format!(
+            "--at: {what}: name an instant before, or a scenario without it, and with --controller who flies"
+        )));
+    }
     let snapshot = watch::snapshot_of(scenario, at_ns);
     let snapshot = snapshot.map_err(|error| Failure::plain(&error, exit::UNFIT))?;
     let snapshot = snapshot.ok_or_else(|| {
@@ -137,6 +144,13 @@ fn spec(arguments: &RehearseArguments, scenario: &Scenario) -> Result<RehearsalS
         seed: scenario.settings().scenario.seed,
         swap: arguments.number,
     })
+}
+
+/// When a script first swaps, or kills or stops a process, after which another controller may command \[s\].
+fn other_owner_s(scenario: &Scenario) -> Option<f64> {
+    let settings = scenario.settings();
+    let swaps = settings.swap.iter().map(|swap| swap.at_s);
+    swaps.chain(settings.fault.iter().map(|fault| fault.at_s)).min_by(f64::total_cmp)
 }
 
 /// A row for each challenge: candidate and limit of each measure.

@@ -50,12 +50,12 @@ pub(super) fn run(arguments: &ReplayArguments, out: &mut dyn Write) -> Done {
         Refusal::Replay(ReplayError::Scenario(error)) => Failure::report(error, exit::USAGE),
         Refusal::Replay(error) => Failure::plain(&error, code_of(&error)),
     })?;
-    match arguments.format {
-        Format::Text => out.write_all(answer.text.as_bytes())?,
-        Format::Json => writeln!(out, "{}", Value::Object(answer.json))?,
-    }
-    out.flush()?;
-    Ok(if answer.differs { exit::FAILED } else { exit::PASS })
+    let written = match arguments.format {
+        Format::Text => out.write_all(answer.text.as_bytes()),
+        Format::Json => writeln!(out, "{}", Value::Object(answer.json)),
+    };
+    let code = if answer.differs { exit::FAILED } else { exit::PASS };
+    crate::finished(written.and_then(|()| out.flush()), code)
 }
 
 /// A file that cannot be read, however it came to that, was asked for wrongly.

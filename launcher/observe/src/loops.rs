@@ -112,7 +112,8 @@ pub fn seat_name(stats: &LoopStats) -> String {
 }
 
 /// Totals of `past` tenants of a seat and of the one after them.
-fn sum(past: &LoopStats, next: &LoopStats) -> LoopStats {
+#[must_use]
+pub fn sum(past: &LoopStats, next: &LoopStats) -> LoopStats {
     LoopStats {
         steps: past.steps.saturating_add(next.steps),
         skipped: past.skipped.saturating_add(next.skipped),

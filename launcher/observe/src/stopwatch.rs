@@ -27,7 +27,7 @@ pub struct Stamp {
     pub input_sequence: u64,
     /// What else it names: the command, or the set point, that was applied.
     pub applied_sequence: u64,
-    /// Seat of the writer of the command that was applied.
+    /// Seat of the writer of the command, or of the set point, that was applied.
     pub applied_seat: u32,
     /// When the step should have begun \[ns\].
     pub release_mono_ns: u64,
@@ -45,18 +45,20 @@ impl Stamp {
     fn of<T: Sample>(sample: &T) -> Self {
         let header: &Header = sample.header();
         let any: &dyn Any = sample;
-        let command = any.downcast_ref::<AppliedCommand>();
-        let applied_seat = command.map_or(0, |applied| applied.command_seat);
-        let command = command.map(|applied| applied.command_sequence);
-        let setpoint =
-            any.downcast_ref::<AppliedSetpoint>().map(|applied| applied.setpoint_sequence);
+        let command = any
+            .downcast_ref::<AppliedCommand>()
+            .map(|applied| (applied.command_seat, applied.command_sequence));
+        let setpoint = any
+            .downcast_ref::<AppliedSetpoint>()
+            .map(|applied| (applied.seat, applied.setpoint_sequence));
+        let (applied_seat, applied_sequence) = command.or(setpoint).unwrap_or_default();
         Self {
             sequence: header.sequence,
             release_ns: header.release_ns,
             valid_ns: header.valid_ns,
             cause_sequence: header.cause_sequence,
             input_sequence: header.input_sequence,
-            applied_sequence: command.or(setpoint).unwrap_or(0),
+            applied_sequence,
             applied_seat,
             release_mono_ns: header.release_mono_ns,
             receive_mono_ns: header.receive_mono_ns,

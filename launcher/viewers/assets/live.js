@@ -114,14 +114,15 @@ class Live {
 
 /** What a request of the control protocol came to: `{ isGood, text, replies }`. A wrong token has `isWrongToken`. */
 async function command(token, request, path = "/control") {
-  let response;
+  let response, refusal, replies;
   try {
     response = await fetch(path, { method: "POST", headers: { Authorization: `Bearer ${token}` }, body: typeof request === "string" ? request : JSON.stringify(request) });
+    if (response.ok) ({ replies } = await response.json());
+    else refusal = (await response.text()).trim();
   } catch {
     return { isGood: false, text: "the flight does not answer" };
   }
-  if (!response.ok) return { isGood: false, isWrongToken: response.status === 403, text: (await response.text()).trim() || `status ${response.status}` };
-  const { replies } = await response.json();
+  if (!response.ok) return { isGood: false, isWrongToken: response.status === 403, text: refusal || `status ${response.status}` };
   const last = replies.at(-1);
   if (!last) return { isGood: false, text: "no reply" };
   if (last.reply === "refused") return { isGood: false, text: `refused: ${last.text}`, replies };

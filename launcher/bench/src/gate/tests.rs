@@ -100,9 +100,23 @@ fn what_was_not_measured_passes_no_gate() {
     let ran_none = "plant ran no step after the warm-up";
     assert_eq!(failed("p99:+10%"), [ran_none, "plant lateness was not measured"]);
     assert_eq!(failed("lateness.p99:9ms"), [ran_none, "no lateness was measured"]);
-    assert_eq!(failed("p99:2x"), [ran_none]);
+    assert_eq!(failed("p99:2x"), [ran_none, "no figure was measured beside a floor"]);
     assert_eq!(failed("held"), ["plant misses 100.00 % of its releases at 1000 Hz"]);
     assert_eq!(judged("path.p99:1x", &before, None), 1, "no path was found");
+}
+
+#[test]
+fn a_limit_over_the_floor_fails_where_there_is_no_floor() {
+    let mut bare = report(10);
+    let of = |gate: &str, report: &LoopsReport| Gate::parse(gate).unwrap().judge(report, None);
+    let wait = Figure::new(quantiles(10), None, None);
+    bare.loops[0].figures.insert("wait".to_owned(), wait);
+    assert_eq!(of("wait.p99:9x", &bare), ["plant wait has no floor"]);
+    assert!(of("lateness.p99:9x", &bare).is_empty());
+    // Of all figures those count that have one.
+    assert!(of("p99:9x", &bare).is_empty());
+    bare.loops[0].figures.remove("lateness");
+    assert_eq!(of("p99:9x", &bare), ["no figure was measured beside a floor"]);
 }
 
 #[test]

@@ -99,7 +99,8 @@ impl Chains {
         let mut used = BTreeMap::new();
         for applied in log.of(topics::APPLIED_SETPOINT.info.name) {
             if let Some(command) = commands.get(&(applied.seat, applied.release_ns)) {
-                let first = used.entry(applied.applied_sequence).or_insert(*command);
+                let setpoint = (applied.applied_seat, applied.applied_sequence);
+                let first = used.entry(setpoint).or_insert(*command);
                 if command.release_ns < first.release_ns {
                     *first = command;
                 }
@@ -107,7 +108,7 @@ impl Chains {
         }
         let mut chains = Self::default();
         for setpoint in log.of(topics::ATTITUDE_SETPOINT.info.name) {
-            let Some(command) = used.get(&setpoint.sequence) else {
+            let Some(command) = used.get(&(setpoint.seat, setpoint.sequence)) else {
                 chains.unseen += 1;
                 continue;
             };
@@ -296,6 +297,18 @@ mod tests {
         let chains = Chains::of_position(&flown(), &WINDOW);
         assert_eq!(durations(&chains), [50, 20, 5, 25, 10, 10, 80, 940, 40, 20]);
         assert_eq!(chains.warm[0].from_release_ns(), 1300 - 100);
+    }
+
+    #[test]
+    fn a_set_point_of_another_seat_is_not_taken_for_the_one_of_its_number() {
+        let mut shadowed = flown();
+        let setpoints = shadowed.stamps.get_mut("attitude_setpoint").unwrap();
+        // A standby that counts as the owner does.
+        let standby = Stamp { seat: 1, publish_mono_ns: 260, ..setpoints[0] };
+        setpoints.push(standby);
+        let chains = Chains::of_position(&shadowed, &WINDOW);
+        assert_eq!((chains.warm.len(), chains.unseen, chains.untraced), (1, 1, 0));
+        assert_eq!(durations(&chains), [50, 20, 5, 25, 10, 10, 80, 940, 40, 20]);
     }
 
     #[test]

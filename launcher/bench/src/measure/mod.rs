@@ -8,6 +8,7 @@ pub(super) use steps::stamps;
 pub use steps::{FIGURES, Moment, Steps};
 
 use observe::stopwatch::{Look, Stopwatch};
+use observe::sum;
 use observe::usage::Usage;
 use runtime::seat_of_loop;
 use shared_types::{LoopStats, Role};
@@ -43,18 +44,30 @@ impl Window {
     }
 }
 
-/// Difference of a loop's running totals over the window; none without two samples of them.
+/// Difference of a loop's running totals over the window, over all its lives; none without two samples of them. A process
+/// that takes the seat of a dead one in flight counts from nothing.
 #[must_use]
 pub fn totals(watch: &Stopwatch, role: Role, seat: u32, window: &Window) -> Option<LoopStats> {
     let of_loop = watch.totals.iter().filter(|stats| {
         // The recorder distinguishes loops by 8 times the seat plus the role.
         stats.role == role && seat_of_loop(stats.header.seat) == seat
     });
-    let mut warm = of_loop.filter(|stats| window.is_warm(stats.header.release_ns));
-    let first = warm.next()?;
-    let last = warm.next_back()?;
+    let warm: Vec<&LoopStats> =
+        of_loop.filter(|stats| window.is_warm(stats.header.release_ns)).collect();
+    let nothing = LoopStats::default();
+    let pairs = warm.windows(2).map(|pair| {
+        let (before, now) = (pair[0], pair[1]);
+        let is_other = before.header.generation != now.header.generation;
+        let counts_anew = is_other && now.steps < before.steps;
+        since(now, if counts_anew { &nothing } else { before })
+    });
+    pairs.reduce(|all, next| sum(&all, &next))
+}
+
+/// What was counted from one sample of a loop's totals to the next.
+fn since(last: &LoopStats, first: &LoopStats) -> LoopStats {
     let since = |now: u64, before: u64| now.saturating_sub(before);
-    Some(LoopStats {
+    LoopStats {
         steps: since(last.steps, first.steps),
         skipped: since(last.skipped, first.skipped),
         caught_up: since(last.caught_up, first.caught_up),
@@ -69,7 +82,7 @@ pub fn totals(watch: &Stopwatch, role: Role, seat: u32, window: &Window) -> Opti
         major_faults: since(last.major_faults, first.major_faults),
         faults_at_changes: since(last.faults_at_changes, first.faults_at_changes),
         ..LoopStats::default()
-    })
+    }
 }
 
 /// What a process took within the window, and what of it while others joined or left.
@@ -158,6 +171,14 @@ mod tests {
         watch.totals = samples;
         let since = totals(&watch, Role::Plant, 1, &WINDOW).unwrap();
         assert_eq!((since.steps, since.skipped), (2000, 1));
+        // Killed at 3000, and begun anew; then restarted with its totals.
+        let life = |generation, release_ns, steps, skipped| {
+            let of = sample(release_ns, skipped);
+            LoopStats { steps, header: Header { generation, ..of.header }, ..of }
+        };
+        watch.totals.extend([life(2, 4000, 50, 3), life(2, 5000, 90, 4), life(3, 6000, 95, 6)]);
+        let since = totals(&watch, Role::Plant, 1, &WINDOW).unwrap();
+        assert_eq!((since.steps, since.skipped), (2000 + 95, 1 + 6));
         assert!(totals(&watch, Role::Plant, 0, &WINDOW).is_none());
     }
 }

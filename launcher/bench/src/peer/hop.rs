@@ -137,7 +137,9 @@ pub fn send(end: &End, talk: &mut Talk) -> Result<String, BenchError> {
     let (pipe, events) = (WakeNotifier::open(&bus, mailbox())?, bus.bare_notifier(BARE)?);
     let acknowledged = bus.bare_reader::<Progress>(ACKNOWLEDGED)?;
     talk.ready().map_err(not_answered)?;
-    let _ = talk.next_line();
+    if talk.next_line().is_none() {
+        return Err(BenchError::Peer("was left before it began".to_owned()));
+    }
     let blocking = end.waiting == Waiting::Blocking;
     let (mut sent, mut due_ns) = (0, mono_now_ns());
     for _ in 0..end.blocks {

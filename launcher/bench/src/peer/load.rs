@@ -42,7 +42,7 @@ impl Load {
         }
     }
 
-    /// Begins on every processor of the place; it ends when what is returned is dropped.
+    /// Begins on every processor of the place; it ends when what is returned is stopped, or dropped.
     ///
     /// # Errors
     /// A program cannot be started.
@@ -90,7 +90,7 @@ pub fn be_load(order: &LoadOrder, talk: &mut Talk) -> Result<String, BenchError>
         work.join()
             .map_or_else(|_| Err(BenchError::Peer("died".to_owned())), |done| done.map_err(full))
     })?;
-    Ok(String::new())
+    Ok("null".to_owned())
 }
 
 fn compute(load: Load, going: &AtomicBool) {

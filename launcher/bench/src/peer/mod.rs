@@ -12,6 +12,7 @@ use host::realtime::Setup;
 use host::{exit, name_thread};
 use load::{LoadOrder, be_load};
 use runtime::priority::Schedule;
+use rustix::process::{Signal, set_parent_process_death_signal};
 use scenario::process::OWN_EXECUTABLE;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -186,6 +187,8 @@ fn write_line(line: &str) -> io::Result<()> {
 /// Is a peer, from its order to its answer.
 #[must_use]
 pub fn be_peer() -> u8 {
+    // It listens only between its works, and two that poll would go on for as long as they were to measure.
+    let _ = set_parent_process_death_signal(Some(Signal::KILL));
     let mut talk = Talk { orders: io::stdin().lines() };
     let order = talk.next_line().and_then(|line| serde_json::from_str::<PeerRequest>(&line).ok());
     let done = match order {

@@ -23,6 +23,9 @@ pub(super) fn measure(arguments: &LoopsArguments) -> Result<(String, u8), BenchE
     if arguments.compare.is_none() && arguments.gate.iter().any(Gate::needs_earlier) {
         return Err(BenchError::NothingToCompare);
     }
+    if arguments.no_floor && arguments.gate.iter().any(Gate::needs_floor) {
+        return Err(BenchError::NoFloor);
+    }
     let before = arguments.compare.as_deref().map(gate::read).transpose()?;
     let place = super::place(&arguments.place)?;
     let plan = plan(arguments, place)?;

@@ -46,7 +46,7 @@ pub struct RehearseArguments {
     pub format: Format,
     /// Rehearse what this file of JSON describes, or standard input for `-`, and print the verdict as one line
     /// of JSON; ends when the process that started it does
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["swap", "seed", "set", "controller", "scenario_of"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["swap", "seed", "set", "controller", "scenario_of", "at", "number", "format"])]
     pub spec: Option<PathBuf>,
     /// How much to stand back for other processes while it flies what `--spec` describes
     #[arg(long, value_name = "N", default_value_t = 0, requires = "spec")]

@@ -138,16 +138,27 @@ impl Tape {
         self.show_before(last.t_ns + 1, observer);
     }
 
-    /// Shows an observer everything released before `t_ns`, and the owners of the slots then, topic by
-    /// topic within each second, so that what compares topics has little to keep; then the states.
+    /// Shows an observer everything released before `t_ns`, and the owners of the slots then, topic by topic within
+    /// [`SHOWN_AT_ONCE_NS`], owners first; then the states.
     pub fn show_before<O: Observer>(&self, t_ns: u64, observer: &mut O) {
         // Ownership is published before the first step, also to what begins there.
         let end_ns = t_ns.max(1);
         let observer = &mut *observer;
-        let mut show = Show { tape: self, observer, from_ns: 0, until_ns: 0, t_ns };
+        let mut show = Show {
+            tape: self,
+            observer,
+            order: BTreeMap::new(),
+            of_owners: true,
+            from_ns: 0,
+            until_ns: 0,
+            t_ns,
+        };
         while show.from_ns < end_ns {
-            show.until_ns = show.from_ns.saturating_add(1_000_000_000).min(end_ns);
-            let Ok(()) = topics::visit_all(&mut show);
+            show.until_ns = show.from_ns.saturating_add(SHOWN_AT_ONCE_NS).min(end_ns);
+            for of_owners in [true, false] {
+                show.of_owners = of_owners;
+                let Ok(()) = topics::visit_all(&mut show);
+            }
             show.from_ns = show.until_ns;
         }
         if observer.wants_states() {
@@ -178,9 +189,17 @@ impl TopicVisitor for LastRelease<'_> {
     }
 }
 
+/// Of each topic, what an observer is shown before it sees the next topic \[ns\]. Observers compare topics by what they keep
+/// of the newest samples, which at 10 kHz is no more than 25 ms.
+const SHOWN_AT_ONCE_NS: u64 = 20_000_000;
+
 struct Show<'a, O> {
     tape: &'a Tape,
     observer: &'a mut O,
+    /// Samples by release, of each topic: several loops may write it, each in an order of its own.
+    order: BTreeMap<&'static str, Vec<usize>>,
+    /// Whether it is the turn of who owns the slots, which is published ahead, or of all other topics.
+    of_owners: bool,
     from_ns: u64,
     until_ns: u64,
     /// Steps from here on are not shown.
@@ -190,19 +209,22 @@ struct Show<'a, O> {
 impl<O: Observer> TopicVisitor for Show<'_, O> {
     type Error = Infallible;
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
-        let samples = self.tape.samples(topic);
-        let released = |s: &T| s.header().release_ns;
         let is_owner = topic.info.from == Role::Supervisor && topic.info.edge == Edge::Delayed;
+        if is_owner != self.of_owners {
+            return Ok(());
+        }
+        let samples = self.tape.samples(topic);
+        let released = |index: &usize| samples[*index].header().release_ns;
+        let order = self.order.entry(topic.info.name).or_insert_with(|| {
+            let mut order: Vec<usize> = (0..samples.len()).collect();
+            order.sort_by_key(released);
+            order
+        });
         let until_ns = if is_owner { self.until_ns } else { self.until_ns.min(self.t_ns) };
-        // Several loops write the supervisor's topics and those of slots, each in its own order.
-        let one_writer = topic.info.from.seats() == 1 && topic.info.from != Role::Supervisor;
-        let first = |t_ns: u64| samples.partition_point(|s| released(s) < t_ns);
-        let range =
-            if one_writer { first(self.from_ns)..first(until_ns) } else { 0..samples.len() };
-        for sample in &samples[range] {
-            if (self.from_ns..until_ns).contains(&released(sample)) {
-                self.observer.observe(topic, sample);
-            }
+        let first = |t_ns: u64| order.partition_point(|index| released(index) < t_ns);
+        let shown = first(self.from_ns)..first(until_ns).max(first(self.from_ns));
+        for index in &order[shown] {
+            self.observer.observe(topic, &samples[*index]);
         }
         Ok(())
     }

@@ -48,12 +48,15 @@ pub fn marks(study: &Study) -> Vec<Mark> {
     ]
     .into_iter()
     .filter_map(|(name, state, limit, value)| {
-        let promised = study.cells.iter().filter(|cell| {
-            cell.law == Law::Scheduled && cell.conditions == Conditions::calm(state)
-        });
-        let worst = promised.max_by(|a, b| value(a).total_cmp(&value(b)))?;
+        let promised = || {
+            study.cells.iter().filter(|cell| {
+                cell.law == Law::Scheduled && cell.conditions == Conditions::calm(state)
+            })
+        };
+        let worst = promised().max_by(|a, b| value(a).total_cmp(&value(b)))?;
         let value = value(worst);
-        let flown = worst.verdict() == Verdict::Flown;
+        // A law that loses the vehicle, or swings, need not have the largest value.
+        let flown = promised().all(|cell| cell.verdict() == Verdict::Flown);
         Some(Mark { name, value, limit, sweep_s: worst.sweep_s, holds: flown && value <= limit })
     })
     .collect()
