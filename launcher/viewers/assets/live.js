@@ -81,7 +81,7 @@ class Live {
       await this.take();
     } catch (error) {
       wait_ms = RETRY_MS;
-      this.report({ lost: error.isOther ? error.message : "connection lost, trying again" });
+      this.report({ lost: error.isOther ? error.message : `connection lost (${error.message}), trying again` });
     }
     this.asks = false;
     this.plan(Math.max(20, wait_ms - (performance.now() - begun)));

@@ -139,7 +139,7 @@ impl Tape {
     }
 
     /// Shows an observer everything released before `t_ns`, and the owners of the slots then, topic by topic within
-    /// [`SHOWN_AT_ONCE_NS`], owners first; then the states.
+    /// 20 ms, owners first; then the states.
     pub fn show_before<O: Observer>(&self, t_ns: u64, observer: &mut O) {
         // Ownership is published before the first step, also to what begins there.
         let end_ns = t_ns.max(1);
