@@ -28,6 +28,7 @@ use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::namespace::living_runs;
 use scenario::Scenario;
 use shared_types::{Sample, Topic, TopicInfo, TopicVisitor, topics};
+use std::io;
 use std::net::{IpAddr, SocketAddr, UdpSocket};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -239,10 +240,12 @@ impl LiveServer {
                     return Ok(None);
                 }
                 Message::Over => {
-                    let Some(listening) = self.successor(end) else {
-                        let text = "its launcher has died, and no other has taken over";
-                        self.finish(Ending { is_good: false, text: text.to_owned() });
-                        return Ok(None);
+                    let listening = match self.successor(end) {
+                        Ok(listening) => listening,
+                        Err(text) => {
+                            self.finish(Ending { is_good: false, text: text.to_owned() });
+                            return Ok(None);
+                        }
                     };
                     self.shared.picture().orphaned(false);
                     self.listening = listening;
@@ -271,16 +274,28 @@ impl LiveServer {
         let Ok(()) = topics::visit_all(&mut hand_on);
     }
 
-    /// The launcher that takes the run over from one that has died.
-    fn successor(&mut self, end: &AtomicBool) -> Option<Listening> {
+    /// The launcher that takes the run over from one that has died, or how the flight has ended.
+    fn successor(&mut self, end: &AtomicBool) -> Result<Listening, &'static str> {
+        const DEAD: &str = "its launcher has died, and no other has taken over";
         self.shared.picture().orphaned(true);
         let give_up_ns = mono_now_ns() + SUCCESSOR_LIMIT_NS;
+        let mut is_closed = false;
         while mono_now_ns() < give_up_ns && !end.load(Ordering::Relaxed) {
             if !living_runs().iter().any(|(id, _)| id == self.run.id()) {
-                return None;
+                return Err(DEAD);
             }
-            if let Ok(listening) = Listening::to_everything(&self.run) {
-                return Some(listening);
+            let was_closed = is_closed;
+            match Listening::to_everything(&self.run) {
+                Ok(listening) => return Ok(listening),
+                // A launcher that dies leaves its socket. One that removes it has ended the flight, and waits for this
+                // process to leave; between one and the next it is gone for a moment only.
+                Err(ListenError::Closed { source, .. }) => {
+                    is_closed = source.kind() == io::ErrorKind::NotFound;
+                }
+                Err(_) => is_closed = false,
+            }
+            if is_closed && was_closed {
+                return Err("it has ended; how was not received here");
             }
             // As long as no launcher leads the run, no other process could show it.
             if restart::holds_too_much() {
@@ -288,7 +303,7 @@ impl LiveServer {
             }
             sleep_until(mono_now_ns() + LOOK_EVERY_NS);
         }
-        None
+        Err(DEAD)
     }
 
     /// Reports the end to the viewers that are connected, and closes.
