@@ -43,7 +43,7 @@ impl Flight {
     /// Waits for its end.
     ///
     /// # Errors
-    /// It ends without a result that can be read, or could not begin: that has not to do with what was to be flown.
+    /// It ends without a result that can be read, or this machine let it not begin.
     pub fn wait(mut self) -> Result<Flown, BenchError> {
         let mut output = String::new();
         if let Some(out) = &mut self.0.stdout {
@@ -56,13 +56,11 @@ impl Flight {
         })?;
         let result: Value = serde_json::from_str(&output).unwrap_or_default();
         let error = result["error"].as_str().map(str::to_owned);
-        match (status.code(), error) {
-            (Some(2), Some(error)) => Ok(Flown::Refused(error)),
-            (Some(code), Some(error)) if code == i32::from(exit::UNFIT) => {
-                Err(BenchError::Unfit(error))
-            }
+        match (status.code().and_then(|code| u8::try_from(code).ok()), error) {
+            (Some(exit::USAGE), Some(error)) => Ok(Flown::Refused(error)),
+            (Some(exit::UNFIT), Some(error)) => Err(BenchError::Unfit(error)),
             (_, Some(error)) => Ok(Flown::Lost(error)),
-            (Some(0 | 1), None) => {
+            (Some(exit::PASS | exit::FAILED), None) => {
                 let report = serde_json::from_value(result["report"].clone());
                 let report = report.map_err(|error| {
                     BenchError::Peer(format!("gave a result that means nothing: {error}"))

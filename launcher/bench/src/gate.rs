@@ -274,12 +274,12 @@ impl Gate {
     /// A limit over the floor means something where there is one: for a figure that is named, in all places.
     fn without_floor(&self, now: &LoopsReport) -> Vec<String> {
         let Self::Floor { figure, .. } = self else { return Vec::new() };
-        let bare =
-            || chosen(now, figure.as_deref()).filter(|(_, measured)| measured.ratio.is_none());
+        let mut figures = chosen(now, figure.as_deref());
         if figure.is_some() {
-            return bare().map(|(name, _)| format!("{name} has no floor")).collect();
+            let bare = figures.filter(|(_, measured)| measured.ratio.is_none());
+            return bare.map(|(name, _)| format!("{name} has no floor")).collect();
         }
-        let none = bare().count() == chosen(now, None).count();
+        let none = figures.all(|(_, measured)| measured.ratio.is_none());
         none.then(|| "no figure was measured beside a floor".to_owned()).into_iter().collect()
     }
 

@@ -25,7 +25,7 @@ use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::thread::{Builder, JoinHandle};
 use tokio::net::TcpStream;
-use tokio::sync::Notify;
+use tokio::sync::{Notify, Semaphore};
 use tokio_io_timeout::TimeoutStream;
 
 /// How long one may take to read what it is sent, or to send what belongs to its request.
@@ -37,6 +37,8 @@ const HEAD_PATIENCE: Duration = Duration::from_secs(5);
 const GOODBYE: Duration = Duration::from_secs(5);
 /// Port of an address that names none.
 const HTTP_PORT: u16 = 80;
+/// Longest head of a request \[bytes\].
+const HEAD_BYTES: usize = 16 << 10;
 /// Longest body of a request \[bytes\].
 const BODY_BYTES: usize = 16 << 10;
 
@@ -210,11 +212,13 @@ async fn let_in(
     clients: &GracefulShutdown,
 ) {
     let mut guests = Guests::default();
+    let at_work = Arc::new(Semaphore::new(CLIENTS));
     loop {
         match listener.accept().await {
             Ok((stream, _)) => {
                 let (answer, until) = (Arc::clone(answer), clients.watcher());
-                guests.admit(|guest| converse(stream, answer, guest, until)).await;
+                let at_work = Arc::clone(&at_work);
+                guests.admit(|guest| converse(stream, (answer, at_work), guest, until)).await;
             }
             // No descriptor is free: a client that knocks waits until one is.
             Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
@@ -222,19 +226,26 @@ async fn let_in(
     }
 }
 
-async fn converse(stream: TcpStream, answer: Arc<Answerer>, guest: Guest, until: Watcher) {
+async fn converse(
+    stream: TcpStream,
+    (answer, at_work): (Arc<Answerer>, Arc<Semaphore>),
+    guest: Guest,
+    until: Watcher,
+) {
     let ends = stream.local_addr().and_then(|here| Ok((here, stream.peer_addr()?))).ok();
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(PATIENCE));
     stream.set_read_timeout(Some(PATIENCE));
     let guest = Arc::new(guest);
     let service = service_fn(move |request| {
-        let (answer, guest) = (Arc::clone(&answer), Arc::clone(&guest));
-        async move { Ok::<_, Infallible>(respond(request, ends, answer, &guest).await) }
+        let (answer, at_work) = (Arc::clone(&answer), Arc::clone(&at_work));
+        let guest = Arc::clone(&guest);
+        async move { Ok::<_, Infallible>(respond(request, ends, (answer, at_work), &guest).await) }
     });
     let conversation = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEAD_PATIENCE)
+        .max_buf_size(HEAD_BYTES)
         .serve_connection(TokioIo::new(Box::pin(stream)), service);
     // A browser that has gone away, or sends what is no request, is no failure.
     let _ = until.watch(conversation).await;
@@ -243,12 +254,18 @@ async fn converse(stream: TcpStream, answer: Arc<Answerer>, guest: Guest, until:
 async fn respond(
     request: Request<Incoming>,
     ends: Option<(SocketAddr, SocketAddr)>,
-    answer: Arc<Answerer>,
+    (answer, at_work): (Arc<Answerer>, Arc<Semaphore>),
     guest: &Guest,
 ) -> Response<Full<Bytes>> {
     let asked = Asked::read(request, ends).await;
     guest.works();
-    let answered = tokio::task::spawn_blocking(move || answer(&asked)).await;
+    // Held until the answer is there, also by a client that has gone away: nothing queues for a thread.
+    let turn = at_work.acquire_owned().await;
+    let answered = tokio::task::spawn_blocking(move || {
+        let _turn = turn;
+        answer(&asked)
+    })
+    .await;
     guest.idles();
     let Answer { code, kind, body, location } = answered.unwrap_or_else(|_| {
         Answer::refusal(StatusCode::INTERNAL_SERVER_ERROR, "this cannot be answered")
@@ -269,6 +286,7 @@ async fn respond(
 #[cfg(test)]
 mod tests {
     use super::{Answer, Asked, CLIENTS, StatusCode, WebServer};
+    use core::sync::atomic::{AtomicUsize, Ordering};
     use std::io::{Read as _, Write as _};
     use std::net::{SocketAddr, TcpStream};
 
@@ -378,6 +396,45 @@ mod tests {
         slow.read_to_string(&mut answer).unwrap();
         assert!(answer.ends_with("done"), "{answer}");
         drop(idle);
+    }
+
+    #[test]
+    fn what_clients_asked_that_have_gone_is_not_worked_out_where_all_is_at_work() {
+        let (go_on, waiting) = std::sync::mpsc::channel::<()>();
+        let (begin, begun) = std::sync::mpsc::channel::<()>();
+        let waiting = std::sync::Mutex::new(waiting);
+        let in_vain = std::sync::Arc::new(AtomicUsize::new(0));
+        let counted = std::sync::Arc::clone(&in_vain);
+        let answer = move |_: SocketAddr, asked: &Asked| {
+            if asked.path == "/slow" {
+                begin.send(()).unwrap();
+                let _ = waiting.lock().unwrap().recv();
+            } else if asked.path == "/gone" {
+                counted.fetch_add(1, Ordering::Relaxed);
+            }
+            Answer::json("done")
+        };
+        let server = WebServer::open(SocketAddr::from(([127, 0, 0, 1], 0)), answer).unwrap();
+        let host = server.address();
+        // Asks, goes away, and sees that the server has noticed.
+        let leave = |path: &str, is_at_work: &dyn Fn()| {
+            let mut stream = TcpStream::connect(host).unwrap();
+            write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n").unwrap();
+            is_at_work();
+            stream.shutdown(std::net::Shutdown::Write).unwrap();
+            let mut answer = Vec::new();
+            let _ = stream.read_to_end(&mut answer);
+            assert!(answer.is_empty(), "{answer:?}");
+        };
+        for _ in 0..CLIENTS {
+            leave("/slow", &|| begun.recv().unwrap());
+        }
+        for _ in 0..3 * CLIENTS {
+            leave("/gone", &|| ());
+        }
+        drop(go_on);
+        assert!(ask(&server, &host.to_string(), "\r\n").ends_with("done"));
+        assert_eq!(in_vain.load(Ordering::Relaxed), 0);
     }
 
     #[test]

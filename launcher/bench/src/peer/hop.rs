@@ -12,6 +12,7 @@ use core::time::Duration;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, ServiceKind, WakeListener, WakeNotifier};
 use runtime::{Input, Output, Sink as _};
+use rustix::process::{Signal, set_parent_process_death_signal};
 use rustix::thread::sched_yield;
 use serde::{Deserialize, Serialize};
 use shared_types::{Header, Progress, Registry, Role, Seat, StateEstimate, topics};
@@ -98,6 +99,8 @@ pub type Hops = Vec<Vec<u64>>;
 
 impl End {
     fn join(&self, name: &str) -> Result<Bus, BenchError> {
+        // While they measure they read no input, and would go on without the process that started them.
+        let _ = set_parent_process_death_signal(Some(Signal::KILL));
         self.seat.take(name);
         Ok(Bus::join(&config(&self.run), name)?)
     }

@@ -1,7 +1,7 @@
 //! The other processes of a measurement: this executable again, with an order on its standard input.
 //!
 //! An order is a line of JSON. A peer prints `ready`, receives the start time, and answers with one line. It
-//! leaves when its input ends, so that none outlives the process that started it.
+//! leaves when its input ends, or, where it reads none while it measures, with the process that started it.
 
 pub mod floor;
 pub mod hop;
@@ -12,7 +12,6 @@ use host::realtime::Setup;
 use host::{exit, name_thread};
 use load::{LoadOrder, be_load};
 use runtime::priority::Schedule;
-use rustix::process::{Signal, set_parent_process_death_signal};
 use scenario::process::OWN_EXECUTABLE;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -187,8 +186,6 @@ fn write_line(line: &str) -> io::Result<()> {
 /// Is a peer, from its order to its answer.
 #[must_use]
 pub fn be_peer() -> u8 {
-    // It listens only between its works, and two that poll would go on for as long as they were to measure.
-    let _ = set_parent_process_death_signal(Some(Signal::KILL));
     let mut talk = Talk { orders: io::stdin().lines() };
     let order = talk.next_line().and_then(|line| serde_json::from_str::<PeerRequest>(&line).ok());
     let done = match order {
