@@ -60,7 +60,7 @@ fn lateness() -> Finding {
         })
         .collect();
     late_us.sort_by(f64::total_cmp);
-    let (half, most) = (late_us[NAPS / 2], late_us[NAPS * 99 / 100]);
+    let (half, most) = (late_us[NAPS / 2], late_us[NAPS * 99 / 100 - 1]);
     let found = format!("without priority {half:.0} us late (p50), {most:.0} us (p99)");
     let remedy = "end other programs; see fifo, steal, idle states and governor";
     Finding::warn_if(most > LATE_US, "timers", found, remedy)

@@ -1,6 +1,7 @@
 //! What a flight may have of the machine: memory, processor time, by the files that report it.
 
 use super::{Finding, Machine};
+use host::quota::Quota;
 use scenario::needs::{Available, MemoryNeed};
 
 /// Share of time that a host may take away before loops feel it \[%\].
@@ -22,64 +23,33 @@ pub(super) fn memory(machine: &Machine) -> Finding {
     let Some(Available { mb, by }) = Available::below(&machine.root) else {
         return Finding::warn(name, "unknown", "mount /proc");
     };
-    let need = MemoryNeed::LOCKSTEP;
-    let flight_mb = need.shared_mb + need.own_mb;
-    let found = format!("{mb} MB available by {}; a flight may need {flight_mb} MB", by.display());
+    let locks = host::realtime::may_lock_memory();
+    let realtime = if locks { MemoryNeed::LOCKED } else { MemoryNeed::LOCKSTEP };
+    let [lockstep_mb, realtime_mb] =
+        [MemoryNeed::LOCKSTEP, realtime].map(|need| need.shared_mb + need.own_mb);
+    let found = format!(
+        "{mb} MB available by {}; a flight may need {lockstep_mb} MB, and in realtime {realtime_mb} MB",
+        by.display()
+    );
     let remedy = "end other programs, or raise the limit, as by `--memory` of a container";
-    if mb < flight_mb {
+    if mb < lockstep_mb {
         return Finding::fail(name, found, remedy);
     }
-    Finding::warn_if(mb < 2 * flight_mb, name, found, remedy)
-}
-
-/// Folder of this process's group in one of the kernel's two hierarchies.
-fn group(machine: &Machine, is_it: impl Fn(&str) -> bool) -> Option<String> {
-    let groups = machine.read("proc/self/cgroup")?;
-    let line = groups.lines().find(|line| line.split(':').nth(1).is_some_and(&is_it))?;
-    line.split(':').nth(2).map(str::to_owned)
+    let remedy = format!("{remedy}, or fly with `--set realtime.lock_memory=false`");
+    Finding::warn_if(mb < realtime_mb, name, found, remedy)
 }
 
 pub(super) fn cpu_quota(machine: &Machine) -> Finding {
     let name = "cpu quota";
-    let folder = group(machine, str::is_empty).unwrap_or_default();
-    let read = |base: &str| machine.read(&format!("sys/fs/cgroup/{base}{folder}/cpu.max"));
-    let Some(quota) = read("").or_else(|| read("unified")) else {
-        return Finding::ok(name, "none set by a group of version 2");
+    let Some(Quota { processors, by }) = Quota::below(&machine.root) else {
+        return Finding::ok(name, "no limit");
     };
-    let mut fields = quota.split(' ').map(str::parse::<f64>);
-    match (fields.next(), fields.next()) {
-        (Some(Ok(quota)), Some(Ok(period))) => {
-            let found = format!("{:.2} processors", quota / period);
-            let remedy = "raise cpu.max, e.g. `--cpus` of the container";
-            if quota < period {
-                Finding::fail(name, found, remedy)
-            } else {
-                Finding::warn(name, found, remedy)
-            }
-        }
-        _ => Finding::ok(name, "no limit"),
+    let found = format!("{processors:.2} processors by {}", by.display());
+    let remedy = "raise it, as by `--cpus` of a container";
+    if processors < 1.0 {
+        return Finding::fail(name, found, remedy);
     }
-}
-
-pub(super) fn fair_quota(machine: &Machine) -> Finding {
-    let name = "cpu quota, v1";
-    let is_cpu = |controllers: &str| controllers.split(',').any(|one| one == "cpu");
-    let Some(folder) = group(machine, is_cpu) else {
-        return Finding::ok(name, "no group of version 1");
-    };
-    let read = |file: &str| machine.number(&format!("sys/fs/cgroup/cpu{folder}/{file}"));
-    match (read("cpu.cfs_quota_us"), read("cpu.cfs_period_us")) {
-        (Some(quota), Some(period)) if quota > 0 => {
-            let found = format!("{:.2} processors", quota as f64 / period as f64);
-            let remedy = "raise cpu.cfs_quota_us";
-            if quota < period {
-                Finding::fail(name, found, remedy)
-            } else {
-                Finding::warn(name, found, remedy)
-            }
-        }
-        _ => Finding::ok(name, "no limit"),
-    }
+    Finding::warn(name, found, remedy)
 }
 
 pub(super) fn map_count(machine: &Machine) -> Finding {

@@ -14,12 +14,14 @@ use std::time::Duration;
 
 /// Room for an hour or so of recording \[MB\].
 const RECORDING_MB: u64 = 2048;
-/// What a flight as shipped writes, and what leaves it room \[MB/s\].
-const MIN_RATE_MB_S: f64 = 2.0;
+/// What leaves a flight room \[MB/s\].
 const ENOUGH_RATE: f64 = 20.0;
-/// Size of the trial \[MB\], and how long it may take.
-const TRIAL_MB: usize = 16;
+/// Size of the trial \[MB\], and how long it may take: what takes longer does not keep up with a flight.
+const TRIAL_MB: usize = 2;
 const TRIAL_LIMIT: Duration = Duration::from_millis(1200);
+
+/// What to do about a disk.
+const ELSEWHERE: &str = "record elsewhere with --record, or not with --no-record";
 
 pub(super) fn shared_memory() -> Vec<Finding> {
     vec![size(), free(), writable(), leftovers(), living()]
@@ -120,18 +122,18 @@ pub(super) fn disk(recordings: &Path) -> Vec<Finding> {
     let place = folder.display().to_string();
     let free_mb =
         statvfs(&folder).map_or(0, |stat| stat.f_bavail.saturating_mul(stat.f_frsize) >> 20);
-    let other = "record elsewhere with --record, or not with --no-record";
+    let other = ELSEWHERE;
     let room = format!("{free_mb} MB free in {place}");
     let room = if free_mb < 64 {
         Finding::fail("disk room", room, other)
     } else {
         Finding::warn_if(free_mb < RECORDING_MB, "disk room", room, other)
     };
-    vec![room, rate(&folder, &place, other)]
+    vec![room, rate(&folder, &place, TRIAL_LIMIT)]
 }
 
-fn rate(folder: &Path, place: &str, other: &str) -> Finding {
-    let name = "disk rate";
+fn rate(folder: &Path, place: &str, limit: Duration) -> Finding {
+    let (name, other) = ("disk rate", ELSEWHERE);
     let path = folder.join(format!(".morphquad-doctor-{}", std::process::id()));
     let (sender, receiver) = mpsc::channel();
     let trial = path.clone();
@@ -145,19 +147,16 @@ fn rate(folder: &Path, place: &str, other: &str) -> Finding {
     if let Err(error) = begun {
         return Finding::fail(name, format!("not tried: no thread can be started: {error}"), other);
     }
-    match receiver.recv_timeout(TRIAL_LIMIT) {
+    match receiver.recv_timeout(limit) {
         Ok(Ok(rate)) => {
             let found = format!("{rate:.0} MB/s in {place}; a flight writes 1 to 2 MB/s");
-            if rate < MIN_RATE_MB_S {
-                return Finding::fail(name, found, other);
-            }
             Finding::warn_if(rate < ENOUGH_RATE, name, found, other)
         }
         Ok(Err(error)) => Finding::fail(name, format!("{place}: {error}"), other),
         Err(_) => {
             let _ = fs::remove_file(&path);
-            let rate = TRIAL_MB as f64 / TRIAL_LIMIT.as_secs_f64();
-            Finding::warn(name, format!("less than {rate:.0} MB/s in {place}"), other)
+            let found = format!("{TRIAL_MB} MB took more than {limit:.1?} in {place}");
+            Finding::fail(name, found, other)
         }
     }
 }
@@ -191,7 +190,14 @@ mod tests {
     #[test]
     fn a_folder_that_cannot_be_written_fails() {
         // Also for the superuser: no user can make files in there.
-        let finding = rate(Path::new("/proc/self"), "/proc/self", "elsewhere");
+        let finding = rate(Path::new("/proc/self"), "/proc/self", TRIAL_LIMIT);
         assert_eq!(finding.verdict, Verdict::Fail);
+    }
+
+    #[test]
+    fn a_disk_that_does_not_take_the_trial_in_time_fails() {
+        let folder = tempfile::tempdir().unwrap();
+        let finding = rate(folder.path(), "the disk", Duration::ZERO);
+        assert_eq!(finding.verdict, Verdict::Fail, "{finding:?}");
     }
 }

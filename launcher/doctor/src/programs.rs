@@ -64,7 +64,7 @@ fn other_builds() -> Finding {
         others.iter().filter(|path| **path != own && layout_of(path) != Some(layout_hash()));
     let others: Vec<_> = others.map(|path| path.display().to_string()).collect();
     let found = if others.is_empty() { "none on PATH".to_owned() } else { others.join(", ") };
-    let remedy = "runs, `ps` and recordings of different builds refuse each other: install one";
+    let remedy = "runs, `ps` and recordings of different builds refuse each other: install one; it may also be this build that did not answer within half a second";
     Finding::warn_if(!others.is_empty(), "other builds", found, remedy)
 }
 
@@ -74,7 +74,7 @@ fn python() -> Finding {
     let remedy = "install Python 3.11 or later; only scripts that read recordings and Python controllers need it";
     let output = output_of(Path::new("python3"), "--version").unwrap_or_default();
     let Some(version) = output.trim().strip_prefix("Python ") else {
-        return Finding::warn(name, "no python3 on PATH", remedy);
+        return Finding::warn(name, "no python3 on PATH that answers within half a second", remedy);
     };
     let mut parts = version.split('.').map(|part| part.parse::<u32>().unwrap_or(0));
     let version_ = (parts.next().unwrap_or(0), parts.next().unwrap_or(0));

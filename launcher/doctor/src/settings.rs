@@ -1,6 +1,6 @@
 //! What the kernel and the machine are set to, by the files that report it.
 
-use super::means::{cpu_quota, fair_quota, map_count, memory, psi, swap};
+use super::means::{cpu_quota, map_count, memory, psi, swap};
 use super::{Finding, Machine};
 use std::fs;
 
@@ -8,7 +8,7 @@ use std::fs;
 const LONG_EXIT_US: i64 = 50;
 
 pub(super) fn checks(machine: &Machine) -> Vec<Finding> {
-    let checks: [fn(&Machine) -> Finding; 21] = [
+    let checks: [fn(&Machine) -> Finding; 20] = [
         kernel,
         preemption,
         processors,
@@ -27,7 +27,6 @@ pub(super) fn checks(machine: &Machine) -> Vec<Finding> {
         swap,
         memory,
         cpu_quota,
-        fair_quota,
         map_count,
         psi,
     ];
@@ -52,14 +51,19 @@ fn preemption(machine: &Machine) -> Finding {
     let name = "preemption";
     let version = machine.read("proc/sys/kernel/version").unwrap_or_default();
     let dynamic = machine.read("sys/kernel/debug/sched/preempt").unwrap_or_default();
-    let chosen = dynamic.split(['(', ')']).nth(1).unwrap_or_default();
+    let booted = machine.read("proc/cmdline").unwrap_or_default();
+    let booted = booted.split_whitespace().find_map(|word| word.strip_prefix("preempt="));
+    let chosen = dynamic.split(['(', ')']).nth(1).or(booted);
     let realtime = machine.number("sys/kernel/realtime") == Some(1);
     let remedy = "boot with preempt=full, or a PREEMPT_RT kernel";
     if realtime || version.contains("PREEMPT_RT") {
         Finding::ok(name, "PREEMPT_RT")
     } else if version.contains("PREEMPT_DYNAMIC") {
-        let weak = matches!(chosen, "none" | "voluntary");
-        let mode = if chosen.is_empty() { "as booted" } else { chosen };
+        let Some(mode) = chosen else {
+            let remedy = "look as root, who may read it, or boot with preempt=full";
+            return Finding::warn(name, "PREEMPT_DYNAMIC, of a mode that is not shown", remedy);
+        };
+        let weak = matches!(mode, "none" | "voluntary");
         Finding::warn_if(weak, name, format!("PREEMPT_DYNAMIC, {mode}"), remedy)
     } else {
         let model = if version.contains("PREEMPT") { "PREEMPT" } else { "none" };
@@ -170,8 +174,9 @@ fn idle_states(machine: &Machine) -> Finding {
 
 fn throttled(machine: &Machine) -> Finding {
     let counts = of_each_processor(machine, "thermal_throttle/core_throttle_count");
-    let count: u64 = counts.iter().filter_map(|count| count.parse::<u64>().ok()).sum();
-    let found = format!("slowed down by heat {count} times since the start");
+    // Two processors of one core count the same.
+    let count = counts.iter().filter_map(|count| count.parse::<u64>().ok()).max().unwrap_or(0);
+    let found = format!("a core was slowed down by heat {count} times since the start");
     Finding::warn_if(count > 0, "heat", found, "cool it, or limit its clock rate")
 }
 

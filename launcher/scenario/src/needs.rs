@@ -81,13 +81,13 @@ impl MemoryNeed {
     /// Of a flight whose shared memory is taken before it is touched, and not locked.
     pub const RESERVED: Self = Self { shared_mb: LOCKED_MEMORY_MB, own_mb: OWN_MEMORY_MB };
 
+    /// Of a flight that locks all of its memory.
+    pub const LOCKED: Self = Self { own_mb: OWN_MEMORY_MB + OWN_LOCKED_MB, ..Self::RESERVED };
+
     /// Of a flight on a machine where memory may be locked or not.
     #[must_use]
     pub fn of_flight(settings: &Settings, may_lock: bool) -> Self {
-        if !locks(settings, may_lock) {
-            return Self::LOCKSTEP;
-        }
-        Self { own_mb: OWN_MEMORY_MB + OWN_LOCKED_MB, ..Self::RESERVED }
+        if locks(settings, may_lock) { Self::LOCKED } else { Self::LOCKSTEP }
     }
 
     /// Of a process that joins in flight, in one that takes all of its shared memory or what it touches.

@@ -40,6 +40,7 @@ pub mod flight;
 mod joined;
 mod layout;
 pub mod memory;
+pub mod quota;
 pub mod realtime;
 mod staying;
 pub mod tasks;
