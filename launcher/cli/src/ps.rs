@@ -86,7 +86,7 @@ fn table(status: &RunStatus) -> String {
         "run {run}  {scenario}, {clock}, {stage}: {flown_s:.3} of {end_s:.3} s, launcher {launcher_pid}\n"
     );
     if let Some(recording) = &status.recording {
-        let _ = writeln!(text, "recording {}", recording.display());
+        let _ = writeln!(text, "recording {recording}");
     }
     let _ = writeln!(
         text,

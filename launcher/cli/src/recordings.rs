@@ -55,7 +55,7 @@ impl Entry {
     }
 
     fn to_json(&self) -> Value {
-        let (file, bytes) = (&self.path, self.length);
+        let (file, bytes) = (self.path.display().to_string(), self.length);
         match &self.flight {
             Ok(flight) => {
                 let line = self.line.as_ref().ok();

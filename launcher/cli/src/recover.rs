@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &RecoverArguments, out: &mut dyn Write) -> Done {
         }
         Format::Json => {
             let object = json!({
-                "file": to,
+                "file": to.display().to_string(),
                 "messages": recovered.messages,
                 "gaps": recovered.gaps,
                 "end_s": end_s,

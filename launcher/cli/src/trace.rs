@@ -26,11 +26,15 @@ pub(super) fn run(arguments: &TraceArguments, out: &mut dyn Write) -> Done {
         }
         Some(sequence) => {
             let mut wanted = Wanted::new(sequence, arguments.seat);
-            trace(&flight, |traced| wanted.see(traced)).map_err(|error| unreadable(&error))?;
+            let ended = trace(&flight, |traced| wanted.see(traced));
+            let whole = ended.map_err(|error| unreadable(&error))?.closing.complete;
             let found = wanted.found()?;
-            let text = found.iter().map(text_of).collect::<Vec<_>>().join("\n");
+            let mut text = found.iter().map(text_of).collect::<Vec<_>>().join("\n");
+            if !whole {
+                text.push_str("\nThe file is cut: what came after its end is not known.\n");
+            }
             let commands: Vec<_> = found.iter().map(json_of).collect();
-            let complete = found.iter().all(|one| one.chain.is_ok());
+            let complete = whole && found.iter().all(|one| one.chain.is_ok());
             (text, json!({ "file": file, "commands": commands }), complete)
         }
     };

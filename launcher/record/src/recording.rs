@@ -65,18 +65,20 @@ impl Recording {
         let failed = |cause| RecordError::Create { path: path.to_owned(), cause };
         outlive_size_limits();
         let file = File::create_new(path).map_err(failed)?;
-        let on_disk = file.try_clone().map_err(failed)?;
-        let begun = Self::over(Box::new(file), path, facts);
-        let mut recording = begun.inspect_err(|_| {
+        let begun = || {
+            let on_disk = file.try_clone().map_err(failed)?;
+            let mut recording = Self::over(Box::new(file), path, facts)?;
+            // What a power cut takes of a flight in lockstep can be flown again, and the disk would slow it.
+            if let Clock::Realtime { .. } = facts.clock {
+                let disk_sync = DiskSync::of(move || on_disk.sync_data()).map_err(failed)?;
+                recording.disk_sync = Some(disk_sync);
+            }
+            Ok(recording)
+        };
+        begun().inspect_err(|_| {
             // A file without a beginning is none.
             let _ = std::fs::remove_file(path);
-        })?;
-        // What a power cut takes of a flight in lockstep can be flown again, and the disk would slow it.
-        if let Clock::Realtime { .. } = facts.clock {
-            let disk_sync = DiskSync::of(move || on_disk.sync_data()).map_err(failed)?;
-            recording.disk_sync = Some(disk_sync);
-        }
-        Ok(recording)
+        })
     }
 
     /// As [`Recording::create`], over any stream; `path` only names it in errors.

@@ -7,10 +7,14 @@ use crate::refusal::Done;
 use host::exit;
 use serde_json::{Value, json};
 use std::io::Write;
-use viewers::export::{Form, export};
+use viewers::export::{Exported, Form, export};
 
 /// Writes tables and names them.
-pub(super) fn run(arguments: &TopicExportArguments, out: &mut dyn Write) -> Done {
+pub(super) fn run(
+    arguments: &TopicExportArguments,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> Done {
     let what = What::of_samples(&arguments.what)?;
     let Some(path) = &what.file else { return Err(refuse(Trouble::NoFile)) };
     let flight = open(path)?;
@@ -19,6 +23,11 @@ pub(super) fn run(arguments: &TopicExportArguments, out: &mut dyn Write) -> Done
     let busy = busy("writing tables");
     let written = export(&flight, &what.topics, form, &folder).map_err(refuse)?;
     drop(busy);
+    for topic in
+        what.topics.iter().filter(|topic| written.iter().all(|table| table.topic != topic.name))
+    {
+        writeln!(diagnostics, "morphquad: {}: nothing came", topic.name)?;
+    }
     match arguments.format {
         Format::Text => {
             for table in &written {
@@ -26,7 +35,8 @@ pub(super) fn run(arguments: &TopicExportArguments, out: &mut dyn Write) -> Done
             }
         }
         Format::Json => {
-            let list = written.iter().map(|table| json!({"path": table.path, "rows": table.rows}));
+            let object = |table: &Exported| json!({"path": table.path.display().to_string(), "rows": table.rows});
+            let list = written.iter().map(object);
             writeln!(out, "{}", list.collect::<Value>())?;
         }
     }

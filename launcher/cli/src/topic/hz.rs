@@ -44,11 +44,7 @@ pub(super) fn run(
     } else {
         let run = find(arguments.run.run.as_deref())?;
         let wanted = what.topics_or_all();
-        let (tallies, dropped) = listen(&run, &wanted, arguments.duration.unwrap_or(USUAL))?;
-        if dropped > 0 {
-            writeln!(diagnostics, "morphquad: {dropped} samples were left out, read too slowly")?;
-        }
-        tallies
+        listen(&run, &wanted, arguments.duration.unwrap_or(USUAL), diagnostics)?
     };
     let silent = what.topics.iter().filter(|topic| !tallies.contains_key(topic.name));
     match arguments.format {
@@ -70,12 +66,13 @@ pub(super) fn run(
     Ok(exit::PASS)
 }
 
-/// Counts what comes on `topics` for so long; also how many samples were left out.
+/// Counts what comes on `topics` for so long, and says how many samples were left out if any were.
 pub(super) fn listen(
     run: &Run,
     topics: &[&'static TopicInfo],
     duration: Duration,
-) -> Result<(Tallies, u64), Failure> {
+    diagnostics: &mut dyn Write,
+) -> Result<Tallies, Failure> {
     let mut listening = Listening::to(run, topics, false).map_err(refuse)?;
     let _busy = busy("listening");
     let (mut tallies, mut dropped) = (Tallies::new(), 0);
@@ -93,7 +90,10 @@ pub(super) fn listen(
             Message::Over => break,
         }
     }
-    Ok((tallies, dropped))
+    if dropped > 0 {
+        writeln!(diagnostics, "morphquad: {dropped} samples were left out, read too slowly")?;
+    }
+    Ok(tallies)
 }
 
 /// A line for each writer of each topic.

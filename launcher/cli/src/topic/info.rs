@@ -89,7 +89,7 @@ fn of_file(path: &Path, what: &What) -> Result<(String, Value), crate::refusal::
     let topics: BTreeMap<_, _> =
         count.tallies.iter().map(|(name, tally)| (*name, tally.counted())).collect();
     let json = json!({
-        "file": path,
+        "file": path.display().to_string(),
         "bytes": bytes,
         "complete": closing.complete,
         "recovered_from": closing.recovered.as_ref().map(|rescue| &rescue.from),

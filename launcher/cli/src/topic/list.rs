@@ -13,9 +13,13 @@ use shared_types::{TopicInfo, topics};
 use std::io::Write;
 
 /// Names every topic; with a running flight, also how often it comes.
-pub(super) fn run(arguments: &TopicListArguments, out: &mut dyn Write) -> Done {
+pub(super) fn run(
+    arguments: &TopicListArguments,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> Done {
     let tallies = match runs::find(arguments.run.run.as_deref()) {
-        Ok(run) => Some(listen(&run, &topics::all(), arguments.duration)?.0),
+        Ok(run) => Some(listen(&run, &topics::all(), arguments.duration, diagnostics)?),
         Err(FindError::NoRun) => None,
         Err(error) => return Err(refuse(error)),
     };

@@ -158,10 +158,10 @@ pub(super) fn run(
     diagnostics: &mut dyn Write,
 ) -> Done {
     match command {
-        TopicCommand::List(arguments) => list::run(arguments, out),
+        TopicCommand::List(arguments) => list::run(arguments, out, diagnostics),
         TopicCommand::Echo(arguments) => echo::run(arguments, out, diagnostics),
         TopicCommand::Hz(arguments) => hz::run(arguments, out, diagnostics),
         TopicCommand::Info(arguments) => info::run(arguments, out),
-        TopicCommand::Export(arguments) => export::run(arguments, out),
+        TopicCommand::Export(arguments) => export::run(arguments, out, diagnostics),
     }
 }

@@ -224,7 +224,7 @@ fn seeds(runs: &mut Vec<Run>, checks: &mut Vec<Check>) -> Result<Section, PaperE
         format!("slowest {slowest:.2} s; ordered for {ordered} of {SEEDS} seeds"),
         ordered == SEEDS && slowest <= 0.1 + 1e-9,
     ));
-    Ok(Section::new("test3-seeds", "Random rd: normal, variance 1 (yaw 0.1 of it), linear plant", table)
+    Ok(Section::new("test3-seeds", "Random rd: normal, standard deviation 1 (yaw 0.1), linear plant", table)
         .remark("The paper draws rd at random and shows one draw. Large draws take longer than its 0.07 s, small ones hardly leave the band of 4 mrad."))
 }
 

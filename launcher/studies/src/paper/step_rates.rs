@@ -239,7 +239,11 @@ fn lag_limits(checks: &mut Vec<Check>) -> Result<Section, PaperError> {
     for (rate, weight, ..) in PRINTED {
         let limit_s = lag_limit_s(rate, weight)?;
         limits_s.push(limit_s);
-        let limit = if limit_s < LAG_END_S { format!("{:.2}", limit_s * 1e3) } else { "15".into() };
+        let limit = if limit_s < LAG_END_S {
+            format!("{:.2}", limit_s * 1e3)
+        } else {
+            "at least 15".into()
+        };
         table.push([rate.to_string(), weight.to_string(), limit]);
     }
     checks.push(Check::new(
@@ -258,7 +262,11 @@ fn lag_limit_s(rate: f64, weight: f64) -> Result<f64, PaperError> {
         experiment.world = World::Rotors { lag_s, delay_ns: 0 };
         experiment.target_rad = Vector3::x() * SMALL_STEP_RAD;
         experiment.duration_s = 2.0;
-        let path = experiment.run()?.gamma_rad;
+        let flown = experiment.run()?;
+        if flown.lost_s.is_some() {
+            return Ok(false);
+        }
+        let path = flown.gamma_rad;
         let swing = |from_s: f64, to_s: f64| {
             let part: Vec<_> = path.iter().filter(|(t, _)| *t <= to_s).copied().collect();
             deviation_rad(&part, 0, SMALL_STEP_RAD, from_s)

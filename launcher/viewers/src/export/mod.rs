@@ -44,8 +44,11 @@ pub enum ExportError {
 /// A table that was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exported {
+    /// Whose samples are in it.
+    pub topic: &'static str,
     /// The file.
     pub path: PathBuf,
+    /// One for each sample.
     pub rows: u64,
 }
 
@@ -69,7 +72,7 @@ pub fn export(
     flight.visit(&mut export)?;
     let mut written = Vec::new();
     for (name, mut table) in core::mem::take(&mut export.tables) {
-        match table.flush().and_then(|()| table.close()) {
+        match table.flush().and_then(|()| table.close(name)) {
             Ok(exported) => written.push(exported),
             Err(reason) => {
                 export.fail(name, &reason);
@@ -181,12 +184,12 @@ impl Table {
         Ok(())
     }
 
-    fn close(self) -> Result<Exported, String> {
+    fn close(self, topic: &'static str) -> Result<Exported, String> {
         let Self { path, rows, sink, .. } = self;
         match sink {
             Sink::Csv(mut file) => file.flush().map_err(|error| error.to_string())?,
             Sink::Parquet(file) => file.close().map_err(|error| error.to_string())?,
         }
-        Ok(Exported { path, rows })
+        Ok(Exported { topic, path, rows })
     }
 }
