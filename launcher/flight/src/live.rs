@@ -11,7 +11,7 @@ use shared_types::time::s_from_ns;
 use shared_types::{ClockMode, NO_SEAT, OwnerRecord, Role, Seat};
 use simulate::setup::{RunError, system};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use swap::Slots;
 
 /// What is asked about.
@@ -39,7 +39,7 @@ pub(super) struct Live {
     feed: Option<Feed>,
     run: String,
     scenario: String,
-    recording: Option<PathBuf>,
+    recording: Option<String>,
     seen: BTreeMap<Seat, Seen>,
 }
 
@@ -57,7 +57,8 @@ impl Live {
         let feed = Feed::open(folder, flying)
             .map_err(system(format!("open the socket for topics in {}", folder.display())))?;
         let seen = BTreeMap::new();
-        let recording = recording.map(|path| path.canonicalize().unwrap_or(path.to_path_buf()));
+        let recording = recording
+            .map(|path| path.canonicalize().unwrap_or(path.to_path_buf()).display().to_string());
         let (run, scenario) = (run.to_owned(), scenario.to_owned());
         Ok(Self { server, feed: Some(feed), run, scenario, recording, seen })
     }

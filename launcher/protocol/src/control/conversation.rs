@@ -24,6 +24,8 @@ pub struct Limits {
     pub patience_ns: u64,
     /// Conversations at a time.
     pub clients: usize,
+    /// For how long one may keep its place without asking for anything while others are waiting for it \[ns\].
+    pub idle_ns: u64,
 }
 
 impl Default for Limits {
@@ -33,6 +35,7 @@ impl Default for Limits {
             unread_bytes: 256 * 1024,
             patience_ns: 10_000_000_000,
             clients: 16,
+            idle_ns: 1_000_000_000,
         }
     }
 }
@@ -87,6 +90,12 @@ impl Conversation {
         self.deadline_ns
     }
 
+    /// For how long it has kept its place without asking for anything \[ns\]; none if an answer is on its way.
+    pub(super) fn idle_ns(&self, now_ns: u64) -> Option<u64> {
+        let heard_ns = self.deadline_ns.saturating_sub(self.limits.patience_ns);
+        (self.state == State::Listening).then(|| now_ns.saturating_sub(heard_ns))
+    }
+
     /// What to wait for.
     pub(super) fn interest(&self) -> PollFlags {
         let mut interest = PollFlags::empty();
@@ -134,8 +143,13 @@ impl Conversation {
     }
 
     fn put(&mut self, reply: &Reply) {
-        // Replies hold strings and numbers only, which JSON can hold.
-        let _ = serde_json::to_writer(&mut self.outbox, reply);
+        let line = serde_json::to_vec(reply).unwrap_or_else(|error| {
+            // A line is answered whole, or it is said why not.
+            let text = format!("the answer cannot be written down: {error}");
+            let refusal = Reply::Refused(Refusal::new(Reason::Failed, text));
+            serde_json::to_vec(&refusal).unwrap_or_default()
+        });
+        self.outbox.extend_from_slice(&line);
         self.outbox.push(b'\n');
         if self.outbox.len() > self.limits.unread_bytes {
             self.state = State::Over;

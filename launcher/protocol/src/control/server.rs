@@ -230,6 +230,9 @@ impl Acceptor {
         }
         let mut conversation = Conversation::new(stream, self.limits, now_ns);
         if self.clients.len() >= self.limits.clients {
+            self.make_room(now_ns);
+        }
+        if self.clients.len() >= self.limits.clients {
             let text = format!("{} others are asking: try again", self.clients.len());
             conversation.refuse(Reason::TooMany, text, now_ns);
         }
@@ -237,6 +240,17 @@ impl Acceptor {
         if !conversation.is_over() {
             self.clients.insert(self.next_client, conversation);
             self.next_client += 1;
+        }
+    }
+
+    /// Ends the conversation that has kept its place for nothing for longest, if one has for long enough.
+    fn make_room(&mut self, now_ns: u64) {
+        let idle = |(client, conversation): (&u64, &Conversation)| {
+            let idle_ns = conversation.idle_ns(now_ns)?;
+            (idle_ns >= self.limits.idle_ns).then_some((idle_ns, *client))
+        };
+        if let Some((_, client)) = self.clients.iter().filter_map(idle).max() {
+            self.clients.remove(&client);
         }
     }
 }

@@ -1,7 +1,6 @@
 //! A flight at a glance, as its launcher knows it.
 
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunStatus {
@@ -19,8 +18,8 @@ pub struct RunStatus {
     pub end_s: f64,
     /// Process that answers.
     pub launcher_pid: u32,
-    /// Where the recording is.
-    pub recording: Option<PathBuf>,
+    /// Where the recording is, with a sign in place of what is no text.
+    pub recording: Option<String>,
     /// Every loop, in data-flow order.
     pub processes: Vec<ProcessStatus>,
     /// Every slot.

@@ -241,7 +241,7 @@ fn a_client_that_does_not_read_is_dropped_and_one_that_has_gone_is_forgotten() {
 
 #[test]
 fn one_client_too_many_is_refused_and_has_room_once_another_leaves() {
-    let limits = Limits { clients: 2, ..Limits::default() };
+    let limits = Limits { clients: 2, idle_ns: u64::MAX, ..Limits::default() };
     let (folder, server) = server(limits);
     let first = connect(folder.path());
     let _second = connect(folder.path());
@@ -249,4 +249,18 @@ fn one_client_too_many_is_refused_and_has_room_once_another_leaves() {
     assert_eq!((refusal.reason, refusal.exit_code), (Reason::TooMany, 3));
     drop(first);
     assert_serves(folder.path(), &server);
+}
+
+#[test]
+fn a_silent_client_makes_room_for_one_that_asks() {
+    let limits = Limits { clients: 2, idle_ns: 0, ..Limits::default() };
+    let (folder, server) = server(limits);
+    let mut busy = connect(folder.path());
+    send(&mut busy, b"{\"request\":\"ps\"}\n");
+    let to_busy = asked(&server).answer;
+    let silent = connect(folder.path());
+    assert_serves(folder.path(), &server);
+    wait_until_hung_up(&silent);
+    to_busy.send(status("hover"));
+    assert!(matches!(receive(&mut busy), Some(Reply::Status(_))));
 }
