@@ -40,6 +40,8 @@ pub(super) struct Of {
     pub(super) run: String,
     /// The first recording, before any launcher took over.
     pub(super) recording: Option<PathBuf>,
+    /// File of the launcher that leads; none if it does not record.
+    pub(super) file: Option<String>,
     /// Launchers that have taken over so far.
     pub(super) adoptions: u32,
     /// Whether all that they found left by others has been freed.
@@ -55,18 +57,30 @@ pub(super) fn pid_namespace() -> Option<PathBuf> {
     fs::read_link("/proc/self/ns/pid").ok()
 }
 
+/// Name of a file, for a text.
+fn file_name(path: &Path) -> Option<String> {
+    path.file_name().map(|name| name.to_string_lossy().into_owned())
+}
+
 impl Of {
     /// A flight that begins.
     pub(super) fn begun(run: &str, recording: Option<&Path>, epoch_unix_ns: u64) -> Self {
         let recording = recording.map(|path| path.canonicalize().unwrap_or(path.into()));
         Self {
             run: run.to_owned(),
+            file: recording.as_deref().and_then(file_name),
             recording,
             adoptions: 0,
             is_swept: true,
             epoch_unix_ns,
             pid_namespace: pid_namespace(),
         }
+    }
+
+    /// The same flight under another launcher, which records at `recording`.
+    pub(super) fn taken_over(&self, recording: Option<&Path>) -> Self {
+        let file = recording.and_then(file_name);
+        Self { adoptions: self.adoptions + 1, file, ..self.clone() }
     }
 }
 

@@ -7,7 +7,7 @@ mod deaths;
 mod participants;
 mod registration;
 mod started_first;
-mod sweep;
+pub(crate) mod sweep;
 mod take_over;
 
 use registration::Joined;

@@ -323,6 +323,9 @@ pub fn describe(death: Death) -> String {
     let Death::Status(status) = death else { return "died".to_owned() };
     match (status.code(), status.signal()) {
         (Some(code), _) => format!("exit status {code}"),
+        (None, Some(signal)) if signal == Signal::BUS.as_raw() => {
+            format!("killed by signal {signal}, as where shared memory is full")
+        }
         (None, Some(signal)) => format!("killed by signal {signal}"),
         (None, None) => "unknown exit".to_owned(),
     }

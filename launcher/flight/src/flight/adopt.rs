@@ -22,7 +22,7 @@ use scenario::Scenario;
 use shared_types::{ClockMode, Role};
 use simulate::setup::{
     RunError, RunOptions, Unflown, facts, recording_path, require_descriptors, require_own_proc,
-    stamps_of, system,
+    require_tasks, stamps_of, system,
 };
 use simulate::{Pin, Speed, Summary};
 use std::path::{Path, PathBuf};
@@ -101,13 +101,15 @@ impl From<PortError> for AdoptError {
 /// Takes over a run whose launcher has died, and leads it to its end.
 ///
 /// # Errors
-/// [`AdoptError`]; nothing has been done to the run then, and what happens in flight is in the summary.
+/// [`AdoptError`]: before the run waits for this launcher nothing has been done to it. What happens in flight is in the
+/// summary.
 pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
     let AdoptOptions { run, folder, .. } = options;
     let run = run.clone();
     let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
     require_own_proc()?;
     require_descriptors()?;
+    require_tasks()?;
     let before = Leader::of_run(folder);
     // Declared before everything that uses the transport, so that it is dropped last and wipes.
     let mut membership = Membership::take_over(folder)
@@ -176,7 +178,7 @@ fn open_recording(
     from_ns: u64,
 ) -> Result<(Option<PathBuf>, Option<Recorder>), RunError> {
     let Some(folder) = options.record.as_deref() else { return Ok((None, None)) };
-    let Of { run, recording: before, adoptions, epoch_unix_ns, .. } = &checkpoint.of;
+    let Of { run, file: before, adoptions, epoch_unix_ns, .. } = &checkpoint.of;
     let mut number = adoptions + 1;
     let mut path = recording_path(folder, &format!("{run}-adopted-{number}"))?;
     while path.exists() {
@@ -184,12 +186,7 @@ fn open_recording(
         number += 1;
         path = recording_path(folder, &format!("{run}-adopted-{number}"))?;
     }
-    let before = before.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy());
-    let file = match (before, adoptions) {
-        (None, _) => "a flight without a recording".to_owned(),
-        (Some(first), 0) => first.into_owned(),
-        (Some(_), number) => format!("{run}-adopted-{number}.mcap"),
-    };
+    let file = before.clone().unwrap_or_else(|| "a flight without a recording".to_owned());
     let continues = Some(Continued { file, from_ns });
     let facts = Facts { epoch_unix_ns: *epoch_unix_ns, continues, ..facts(run, options) };
     let mut recording = Recorder::create(&path, &facts)?;
@@ -220,7 +217,7 @@ impl Flight {
         let services = HeldServices::take_over(&bus)?;
         // Not before the services are held: those that nothing but the dead hold would vanish with them.
         let leftovers = Leftovers::of(&bus, are_several, takes_all);
-        let of = Of { adoptions: checkpoint.of.adoptions + 1, ..checkpoint.of.clone() };
+        let of = checkpoint.of.taken_over(path);
         let give_up_ns = mono_now_ns() + FREED_LIMIT_NS;
         // Services admit only so many readers and writers: as a rule there is room beside the dead launcher's, and if
         // there is none they have to be swept away first.

@@ -1,6 +1,7 @@
 //! What the main loop looks at besides: unregistered publishers, loops that stand still, notices.
 
 use super::Flight;
+use super::leftovers::Leftovers;
 use super::timed::Timed;
 use crate::stall::{StallCheck, stalled};
 use record::Severity;
@@ -32,6 +33,12 @@ impl Flight {
             services.entry(stray.pid).or_default().push(&stray.service);
         }
         for (pid, services) in services {
+            if pid == 0 {
+                self.notice(
+                    "further processes publish without being registered: their samples are ignored",
+                );
+                continue;
+            }
             let comm = std::fs::read_to_string(format!("/proc/{pid}/comm"));
             let name = comm.as_deref().map_or("gone by now", str::trim);
             self.notice(&format!(
@@ -64,10 +71,18 @@ impl Flight {
         }
         if all_files {
             self.next_file_look_ns = now_ns + FILE_LOOK_NS;
-            let led_ns = now_ns.saturating_sub(self.begun.1);
-            if self.leftovers.take_if(|left| left.are_freed(led_ns)).is_some() {
-                self.supervisor.note_swept();
-            }
+            self.free_leftovers(now_ns);
+        }
+    }
+
+    fn free_leftovers(&mut self, now_ns: u64) {
+        let led_ns = now_ns.saturating_sub(self.begun.1);
+        let Self { leftovers, tap, supervisor, .. } = self;
+        let mut drain = || _ = tap.drain(now_ns);
+        let folder = supervisor.folder();
+        let is_freed = |left: &mut Leftovers| left.are_freed(led_ns, folder, &mut drain, now_ns);
+        if leftovers.take_if(is_freed).is_some() {
+            supervisor.note_swept();
         }
     }
 

@@ -14,7 +14,7 @@ const STUCK_NS: u64 = 1_000_000_000;
 
 /// What is being freed, and what is left for after it.
 #[derive(Debug)]
-pub(super) struct Sweep {
+pub(crate) struct Sweep {
     sweeper: Sweeper,
     running: Option<Running>,
     /// More processes have died since it began.
@@ -33,16 +33,20 @@ struct Running {
 
 impl Sweep {
     pub(super) fn of(bus: &Bus) -> Self {
-        Self { sweeper: bus.sweeper(), running: None, is_due: false }
+        Self::with(bus.sweeper())
+    }
+
+    pub(crate) fn with(sweeper: Sweeper) -> Self {
+        Self { sweeper, running: None, is_due: false }
     }
 
     /// A process has died.
-    pub(super) fn order(&mut self) {
+    pub(crate) fn order(&mut self) {
         self.is_due = true;
     }
 
     /// Begins what is due; `drain` receives what dead processes have sent.
-    pub(super) fn look(&mut self, folder: &Path, drain: &mut dyn FnMut(), now_ns: u64) {
+    pub(crate) fn look(&mut self, folder: &Path, drain: &mut dyn FnMut(), now_ns: u64) {
         if self.running.as_ref().is_some_and(|running| running.thread.is_finished()) {
             self.running = None;
         }
@@ -66,8 +70,13 @@ impl Sweep {
         }
     }
 
+    /// True if all that has been ordered has been freed.
+    pub(crate) fn is_done(&self) -> bool {
+        !self.is_due && self.running.is_none()
+    }
+
     /// Waits for the end of what has begun. All processes are gone, and no object is empty.
-    pub(super) fn finish(&mut self) {
+    pub(crate) fn finish(&mut self) {
         if let Some(Running { thread, received, .. }) = self.running.take() {
             // It no longer waits for a drain.
             drop(received);
