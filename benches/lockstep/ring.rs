@@ -8,13 +8,13 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{Config, Node, NodeBuilder, ServiceName, ipc};
+use iceoryx2::prelude::{Config, Node, NodeBuilder, ServiceName, ZeroCopySend, ipc};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use runtime::clock::mono_now_ns;
 use runtime::ipc::{Bus, WakeListener, WakeNotifier};
 use runtime::namespace::Membership;
 use rustix::thread::{CpuSet, sched_setaffinity};
-use shared_types::{Header, Role, Seat, StateEstimate};
+use shared_types::{Role, Seat, StateEstimate};
 use std::any::Any;
 use std::io::{BufRead as _, Write as _};
 use std::path::Path;
@@ -26,7 +26,15 @@ pub(crate) const NODES: usize = 5;
 const WAIT_LIMIT: Duration = Duration::from_millis(20);
 
 type Ipc = ipc::Service;
-type Topic = publish_subscribe::PortFactory<Ipc, StateEstimate, ()>;
+type Topic = publish_subscribe::PortFactory<Ipc, Payload, ()>;
+
+/// As large as a state estimate.
+#[derive(Debug, Clone, Copy, ZeroCopySend)]
+#[repr(C)]
+struct Payload {
+    sequence: u64,
+    rest: [u64; size_of::<StateEstimate>() / 8 - 1],
+}
 
 /// How the processes of a ring wake one another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,7 +76,7 @@ pub(crate) fn create(bus: &Bus) -> Result<Held> {
         let event = node.service_builder(&name("event", place)?).event().create()?;
         let topic = node
             .service_builder(&name("topic", place)?)
-            .publish_subscribe::<StateEstimate>()
+            .publish_subscribe::<Payload>()
             .subscriber_max_buffer_size(16)
             .history_size(1)
             .enable_safe_overflow(true)
@@ -118,8 +126,8 @@ impl Wake {
 
 struct Place {
     wake: Wake,
-    publisher: Publisher<Ipc, StateEstimate, ()>,
-    subscriber: Subscriber<Ipc, StateEstimate, ()>,
+    publisher: Publisher<Ipc, Payload, ()>,
+    subscriber: Subscriber<Ipc, Payload, ()>,
 }
 
 impl Place {
@@ -127,7 +135,7 @@ impl Place {
         let node = node()?;
         let open = |place| -> Result<Topic> {
             let builder = node.service_builder(&name("topic", place)?);
-            Ok(builder.publish_subscribe::<StateEstimate>().open()?)
+            Ok(builder.publish_subscribe::<Payload>().open()?)
         };
         Ok(Self {
             subscriber: open(place)?.subscriber_builder().create()?,
@@ -137,8 +145,7 @@ impl Place {
     }
 
     fn send(&self, sequence: u64) -> Result<()> {
-        let header = Header { sequence, ..Header::default() };
-        let sample = StateEstimate { header, ..StateEstimate::default() };
+        let sample = Payload { sequence, rest: [0; size_of::<StateEstimate>() / 8 - 1] };
         self.publisher.loan_uninit()?.write_payload(sample).send()?;
         self.wake.wake();
         Ok(())
@@ -147,7 +154,7 @@ impl Place {
     fn receive(&self, sequence: u64) -> Result<()> {
         loop {
             while let Some(sample) = self.subscriber.receive()? {
-                if sample.payload().header.sequence == sequence {
+                if sample.payload().sequence == sequence {
                     return Ok(());
                 }
             }

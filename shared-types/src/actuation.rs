@@ -1,7 +1,6 @@
 //! plant -> controllers and recorder: what was applied, and what really happened.
 
 use crate::{Flag, Header, Quaternion, sample};
-use iceoryx2::prelude::ZeroCopySend;
 
 crate::code! {
     /// Mode of the plant's actuation gate.

@@ -1,7 +1,6 @@
 //! Controllers' arrows: position slot -> attitude slot -> plant, and what they report.
 
 use crate::{Flag, Header, Sample, sample};
-use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
     /// Target handed to the attitude loop. Euler angles are intrinsic z-y-x.

@@ -1,7 +1,6 @@
 //! disturbance-injector -> plant: what the world does to the vehicle.
 
 use crate::{Header, sample};
-use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
     /// Disturbance in effect from the sample's instant until the next one.

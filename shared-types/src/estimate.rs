@@ -1,7 +1,6 @@
 //! estimator -> controllers: what the vehicle is believed to do.
 
 use crate::{Flag, Header, Quaternion, Sample, sample};
-use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
     /// State estimate with the diagonal of its error covariance, which grows while the IMU is silent.

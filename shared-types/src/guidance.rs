@@ -1,7 +1,6 @@
 //! pilot -> controllers and plant: where to go, and how wide to spread the arms.
 
 use crate::{Header, sample};
-use iceoryx2::prelude::ZeroCopySend;
 
 /// Capacity of [`Reference::points`].
 pub const REFERENCE_POINTS: usize = 48;

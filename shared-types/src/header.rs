@@ -1,8 +1,7 @@
 //! What every sample carries besides its payload: identity, logical time, host stamps and cause.
 
 use crate::sample;
-use crate::wire::Wire;
-use iceoryx2::prelude::ZeroCopySend;
+use crate::wire::Shared;
 
 sample! {
     /// Identity, time and cause of a sample.
@@ -98,7 +97,7 @@ impl From<bool> for Flag {
 }
 
 /// A struct that travels on a topic: its first field is the [`Header`].
-pub trait Sample: Wire + ZeroCopySend + Send + Sync {
+pub trait Sample: Shared + Send + Sync {
     /// The header.
     fn header(&self) -> &Header;
     /// The header, for the runtime to fill in.

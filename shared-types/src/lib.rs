@@ -15,6 +15,9 @@
 
 #![warn(missing_docs)]
 
+// Samples declared here name this crate as those do that other crates declare.
+extern crate self as shared_types;
+
 pub mod actuation;
 pub mod control;
 pub mod disturbance;
@@ -33,6 +36,9 @@ pub mod trip;
 pub mod wire;
 
 pub use actuation::{ActuatorState, AppliedCommand, GateMode, Truth};
+/// For [`sample!`], which other crates use without knowing what it derives.
+#[doc(hidden)]
+pub use bytemuck;
 pub use control::{
     AppliedSetpoint, AttitudeReport, AttitudeSetpoint, BoundedInput, ControllerReport,
     PositionInput, PositionReport, SolveReport, SolveStatus, WrenchCommand,
@@ -41,7 +47,6 @@ pub use disturbance::Disturbance;
 pub use estimate::StateEstimate;
 pub use guidance::{MorphCommand, Reference, ReferencePoint};
 pub use header::{Flag, Header, Quaternion, Sample};
-pub use iceoryx2::prelude::ZeroCopySend;
 pub use loops::{Deviation, DeviationKind, LoopStats, Seating, SeatingKind};
 pub use order::{
     AngleDiversion, DISTURBANCE_ORDERS, DisturbanceKind, DisturbanceOrder, GuidanceOrder,

@@ -1,7 +1,6 @@
 //! supervisor -> recorder: what loops have run and missed, and how their processes begin.
 
 use crate::{Flag, Header, Role, code, sample};
-use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
     /// Running totals of one loop, published every tenth of a second of logical time.

@@ -3,14 +3,22 @@
 /// Declares a fixed-layout struct that may live in shared memory, with its reflection. A field may be marked
 /// `#[identity]`, `#[machine]`, `#[topic]` or `#[padding]`, see [`FieldClass`](crate::wire::FieldClass).
 ///
-/// The caller's module imports [`ZeroCopySend`](crate::ZeroCopySend) for the derive.
+/// It has no byte between its fields, and any bytes of its size are a value of it; the compiler refuses others. So a
+/// process may send its bytes as they lie in memory and read them where another one has put them.
 #[macro_export]
 macro_rules! sample {
     ($(#[$meta:meta])* pub struct $name:ident {
         $($(#[$attribute:ident $(= $doc:literal)?])* pub $field:ident : $kind:ty),+ $(,)?
     }) => {
         $(#[$meta])*
-        #[derive(Debug, Clone, Copy, ZeroCopySend)]
+        #[derive(
+            Debug,
+            Clone,
+            Copy,
+            $crate::bytemuck::Pod,
+            $crate::bytemuck::Zeroable,
+        )]
+        #[bytemuck(crate = "::shared_types::bytemuck")]
         #[repr(C)]
         pub struct $name { $($($(#[doc = $doc])?)* pub $field: $kind),+ }
 
@@ -129,7 +137,19 @@ macro_rules! code {
         $($(#[$variant_meta:meta])* $variant:ident = $value:literal),+ $(,)?
     }) => {
         $(#[$meta])*
-        #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, ZeroCopySend)]
+        #[derive(
+            Clone,
+            Copy,
+            PartialEq,
+            Eq,
+            PartialOrd,
+            Ord,
+            Hash,
+            Default,
+            $crate::bytemuck::Pod,
+            $crate::bytemuck::Zeroable,
+        )]
+        #[bytemuck(crate = "::shared_types::bytemuck")]
         #[repr(C)]
         pub struct $name(pub u32);
 

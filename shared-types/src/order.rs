@@ -4,7 +4,6 @@
 //! the latest one is enough for a reader that joins late.
 
 use crate::{Flag, Header, sample};
-use iceoryx2::prelude::ZeroCopySend;
 
 /// Capacity of [`DisturbanceOrder::entries`].
 pub const DISTURBANCE_ORDERS: usize = 8;
@@ -28,6 +27,9 @@ sample! {
         pub move_s: f64,
         /// There is one; the rest means nothing otherwise.
         pub ordered: Flag,
+        /// Keeps the size a multiple of eight bytes.
+        #[padding]
+        pub reserved: u32,
     }
 }
 
@@ -50,6 +52,9 @@ sample! {
         pub move_s: f64,
         /// There is one; the rest means nothing otherwise.
         pub ordered: Flag,
+        /// Keeps the size a multiple of eight bytes.
+        #[padding]
+        pub reserved: u32,
     }
 }
 
@@ -128,5 +133,8 @@ sample! {
         pub entries: [OrderedDisturbance; DISTURBANCE_ORDERS],
         /// The script has been silenced.
         pub script_off: Flag,
+        /// Keeps the size a multiple of eight bytes.
+        #[padding]
+        pub reserved: u32,
     }
 }

@@ -1,7 +1,6 @@
 //! plant -> estimator: the readings of the vehicle's sensors.
 
 use crate::{Flag, Header, Quaternion, sample};
-use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
     /// Inertial measurement at the sample's instant.

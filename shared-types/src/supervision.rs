@@ -1,7 +1,6 @@
 //! Which processes there are, which seats may command, and how time runs.
 
 use crate::{Flag, Header, code, sample};
-use iceoryx2::prelude::ZeroCopySend;
 
 code! {
     /// A seat in the data flow; one process fills one role.

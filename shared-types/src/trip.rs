@@ -1,7 +1,6 @@
 //! monitor -> consumers of the slots: an owner that flies the vehicle out of what can be recovered.
 
 use crate::{Header, Role, sample};
-use iceoryx2::prelude::ZeroCopySend;
 
 crate::code! {
     /// Why an owner tripped. The pair of fields that holds the number and its limit stands behind each.

@@ -7,6 +7,8 @@ mod scalar;
 
 pub use scalar::{fill_widened, narrow, visit_widened};
 
+use bytemuck::Pod;
+
 /// The kind of one field, as a reader sees it.
 #[derive(Debug, Clone, Copy)]
 pub enum Kind {
@@ -261,6 +263,11 @@ pub trait Wire: Value + Default {
     /// The filler's first.
     fn fill<F: Filler>(&mut self, filler: &mut F) -> Result<(), F::Error>;
 }
+
+/// A struct whose bytes lie in memory that processes share: declared with [`sample!`](crate::sample).
+pub trait Shared: Wire + Pod {}
+
+impl<T: Wire + Pod> Shared for T {}
 
 impl<T: Value, const N: usize> Value for [T; N] {
     const KIND: Kind = T::KIND;

@@ -222,6 +222,7 @@ impl WaySettings {
             brake_s: self.brake_s,
             move_s: self.move_s,
             ordered: Flag::Yes,
+            reserved: 0,
         }
     }
 }
@@ -237,6 +238,7 @@ impl TurnSettings {
             brake_s: self.brake_s,
             move_s: self.move_s,
             ordered: Flag::Yes,
+            reserved: 0,
         }
     }
 }

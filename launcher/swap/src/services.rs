@@ -4,7 +4,7 @@ use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, HANDOVER_DEPTH, PortError, STATE_DEPTH, ServiceKind, WakeNotifier};
 use runtime::namespace::SpareLinks;
-use shared_types::wire::Wire;
+use shared_types::wire::Shared;
 use shared_types::{
     ClockRecord, Hello, Progress, Registry, Role, Sample, Seat, Slot, Topic, TopicInfo,
     TopicVisitor, topics,
@@ -107,11 +107,7 @@ impl<'a> Holder<'a> {
         HeldServices { _factories: self.factories, names: self.names, spare: None }
     }
 
-    fn service<T: Wire + 'static>(
-        &mut self,
-        kind: ServiceKind,
-        capacity: usize,
-    ) -> Result<(), PortError> {
+    fn service<T: Shared>(&mut self, kind: ServiceKind, capacity: usize) -> Result<(), PortError> {
         let bus = self.bus;
         let create = || bus.create_service::<T>(kind, capacity);
         self.hold(kind.name(), create, || bus.open_service::<T>(kind))

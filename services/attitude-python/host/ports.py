@@ -61,23 +61,25 @@ class Types:
 
 
 class Reader:
-    """What arrives on a service."""
+    """What arrives on a service: structures, perhaps with more bytes after each."""
 
-    def __init__(self, subscriber, sample_type, passes=None):
+    def __init__(self, subscriber, sample_type, passes, with_more):
         self._subscriber = subscriber
-        self._size = ctypes.sizeof(sample_type)
+        size = ctypes.sizeof(sample_type)
+        self._sizes = range(size, 1 << 63) if with_more else range(size, size + 1)
         self._type = sample_type
         self._passes = passes
 
     def receive(self):
         """All that has come since the last time and may be taken: instant of arrival, and its bytes."""
         arrived = []
-        receive, passes, size = self._subscriber.receive, self._passes, self._size
+        receive, passes, sizes = self._subscriber.receive, self._passes, self._sizes
         while (sample := receive()) is not None:
             mono_ns = now_ns()
             # A copy: what is borrowed from the transport goes back at once.
-            packed = ctypes.string_at(sample.payload_ptr, size)
-            if passes is None or passes(sample.header.node_id.value, packed):
+            payload = sample.payload()
+            packed = ctypes.string_at(payload.as_ptr(), payload.len())
+            if len(packed) in sizes and passes(sample.header.node_id.value, packed):
                 arrived.append((mono_ns, packed))
             sample.delete()
         return arrived
@@ -94,7 +96,10 @@ class Writer:
         self._publisher = publisher
 
     def send(self, value):
-        self._publisher.send_copy(value)
+        size = ctypes.sizeof(value)
+        sample = self._publisher.loan_slice_uninit(size)
+        ctypes.memmove(sample.payload_ptr, ctypes.byref(value), size)
+        sample.assume_init().send()
 
     def serve_late_joiners(self):
         """Lets readers that have just joined have the history."""
@@ -177,21 +182,21 @@ class Bus:
         )
         builder = self._node.service_builder(iox2.ServiceName.new(name))
         try:
-            return builder.publish_subscribe(sample_type).open_with_attributes(verifier)
+            return builder.publish_subscribe(iox2.Slice[ctypes.c_uint8]).open_with_attributes(verifier)
         except iox2.PublishSubscribeOpenError as error:
             raise Unfit(
                 f"service {name}: {sample_type.__name__} is not laid out as {sample_type.LAYOUT} "
                 f"in this run, or it has no such service ({error}): remove samples.py"
             ) from error
 
-    def _read(self, name, sample_type, depth, passes=None):
+    def _read(self, name, sample_type, depth, passes, with_more=False):
         service = self._service(name, sample_type)
         subscriber = with_room(lambda: service.subscriber_builder().buffer_size(depth).create())
-        return Reader(subscriber, sample_type, passes)
+        return Reader(subscriber, sample_type, passes, with_more)
 
-    def announced(self, name, sample_type, depth):
+    def announced(self, name, sample_type, depth, with_more=False):
         """What the launcher alone may write."""
-        return self._read(name, sample_type, depth, lambda node, _packed: self.is_leader(node))
+        return self._read(name, sample_type, depth, lambda node, _packed: self.is_leader(node), with_more)
 
     def topic(self, name, producer):
         """A topic, from processes of a role alone: each sample must come from the seat that it claims."""
@@ -228,12 +233,9 @@ class Bus:
         return self.samples.seat_label(self.samples.Role[role.capitalize()], seat)
 
     def writer(self, name, sample_type):
-        service = self._service(name, sample_type)
-        return Writer(with_room(lambda: service.publisher_builder().create()))
+        service, size = self._service(name, sample_type), ctypes.sizeof(sample_type)
+        return Writer(with_room(lambda: service.publisher_builder().initial_max_slice_len(size).create()))
 
-    def handover(self, label):
-        """Bytes that a process is handed when it takes a seat in flight, with their headers."""
-        service = self._node.service_builder(iox2.ServiceName.new(f"handover/{label}"))
-        service = service.publish_subscribe(iox2.Slice[ctypes.c_uint8])
-        opened = service.user_header(self.samples.Header).open()
-        return with_room(lambda: opened.subscriber_builder().create())
+    def handovers(self, label):
+        """What the launcher hands to a process that takes a seat: a header, and then bytes."""
+        return self.announced(f"handover/{label}", self.samples.Header, 2, with_more=True)

@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import ctypes
 import fcntl
 import functools
 import gc
@@ -153,7 +154,7 @@ class Process:
         self._pipe = self._open_pipe(label)
         self._poll = select.poll()
         self._poll.register(self._pipe, select.POLLIN)
-        self._handover = self._bus.handover(label)
+        self._handovers = self._bus.handovers(label)
         self._registry_changes = 0
         self.loop = None
         self.leave_ns = FOREVER
@@ -239,14 +240,11 @@ class Process:
         limit_s = HANDOVER_LIMIT_S if self.is_realtime else math.inf
         begun_ns = now_ns()
         while now_ns() - begun_ns < 1e9 * limit_s and self.ending() is None:
-            while (sample := self._handover.receive()) is not None:
-                is_meant = sample.user_header().contents.generation == self.options.generation
-                is_meant = is_meant and self._bus.is_leader(sample.header.node_id.value)
-                packed = bytes(sample.payload().as_memory_view())
-                sample.delete()
-                if is_meant:
+            for _, packed in self._handovers.receive():
+                header = self.samples.Header.from_buffer_copy(packed)
+                if header.generation == self.options.generation:
                     # Without padding the packed form of a structure is its form in memory.
-                    return self.samples.Handover.from_buffer_copy(packed)
+                    return self.samples.Handover.from_buffer_copy(packed, ctypes.sizeof(header))
             self.wait(0.002)
         raise Unfit(f"no hand-over within {HANDOVER_LIMIT_S:g} s")
 

@@ -49,6 +49,7 @@ pub fn position(
         brake_s: POSITION_BRAKE.brake_s(rate, acceleration),
         move_s: f64::INFINITY,
         ordered: Flag::Yes,
+        reserved: 0,
     };
     // With an endless way only the brake moves.
     let [stop_w_m, ..] = position_at(&way, begin_ns + ns_from_s(way.brake_s));
@@ -97,6 +98,7 @@ pub fn yaw(
         brake_s,
         move_s: f64::INFINITY,
         ordered: Flag::Yes,
+        reserved: 0,
     };
     let [stop_rad, ..] = yaw_at(&way, begin_ns + ns_from_s(brake_s));
     let turn_rad = goal_rad.map_or(0.0, |goal_rad| {
@@ -138,6 +140,7 @@ pub fn morph(
         brake_s,
         move_s: over_s,
         ordered: Flag::Yes,
+        reserved: 0,
     };
     // The arms stop soon enough to stay within the linkage, and no sooner.
     let found = |over_s: f64| {

@@ -1,14 +1,14 @@
 //! The samples as `ctypes` structures.
 
-use super::{Travelling, services, travelling_topics};
-use shared_types::wire::{EnumSchema, Field, Kind, Schema};
+use super::{services, topic_schemas};
+use shared_types::wire::{EnumSchema, Field, Kind, Schema, Wire as _};
 use shared_types::{Edge, Header, NO_SEAT, REGISTRY_LINES, Role, SEATS, TopicInfo};
 use std::fmt::Write as _;
 
 const HEAD: &str = r#""""Samples of morphquad as ctypes structures.
 
-Written by `morphquad types --python`; do not edit. LAYOUT is what the attribute `layout` of a service
-must say, type_name() what the transport calls the type.
+Written by `morphquad types --python`; do not edit. A service carries the bytes of a structure; its attribute
+`layout` says LAYOUT.
 """
 
 import ctypes
@@ -35,13 +35,13 @@ def seat_label(role, seat):
 /// A Python module with every sample, topic, service and constant.
 #[must_use]
 pub fn python() -> String {
-    let topics = travelling_topics();
+    let topics = topic_schemas();
     let mut module = Module { text: HEAD.to_owned(), declared: Vec::new() };
     module.constants();
-    // States and hand-overs carry it beside their bytes.
-    module.travelling(Travelling::of::<Header>());
-    for travelling in topics.iter().map(|(_, t)| *t).chain(services().map(|(_, t)| t)) {
-        module.travelling(travelling);
+    // States and hand-overs begin with it.
+    module.structure(const { &Header::SCHEMA });
+    for schema in topics.iter().map(|(_, s)| *s).chain(services().map(|(_, s)| s)) {
+        module.structure(schema);
     }
     module.topics(&topics);
     module.services();
@@ -76,24 +76,14 @@ impl Module {
         new
     }
 
-    /// A type that crosses process boundaries by itself.
-    fn travelling(&mut self, travelling: Travelling) {
-        if self.structure(travelling.schema) {
-            self.line(format_args!("\n    @staticmethod\n    def type_name():"));
-            self.line(format_args!("        return \"{}\"", travelling.type_name));
-        }
-    }
-
-    /// A structure after those it consists of; false if it was there.
-    fn structure(&mut self, schema: &'static Schema) -> bool {
+    /// A structure after those it consists of.
+    fn structure(&mut self, schema: &'static Schema) {
         if self.declared.contains(&schema.name) {
-            return false;
+            return;
         }
         for field in schema.fields {
             match field.kind {
-                Kind::Message(nested) => {
-                    self.structure(nested);
-                }
+                Kind::Message(nested) => self.structure(nested),
                 Kind::Enum(code) => self.code(code),
                 _ => {}
             }
@@ -111,7 +101,6 @@ impl Module {
             self.line(format_args!("        (\"{}\", {}),", field.name, type_of(field)));
         }
         self.line(format_args!("    ]"));
-        true
     }
 
     fn code(&mut self, code: &'static EnumSchema) {
@@ -125,9 +114,9 @@ impl Module {
         }
     }
 
-    fn topics(&mut self, topics: &[(&TopicInfo, Travelling)]) {
+    fn topics(&mut self, topics: &[(&TopicInfo, &Schema)]) {
         self.line(format_args!("\n\nTOPICS = {{"));
-        for (info, travelling) in topics {
+        for (info, schema) in topics {
             let edge = match info.edge {
                 Edge::ZeroLatency => "zero latency",
                 Edge::Delayed => "delayed",
@@ -138,7 +127,7 @@ impl Module {
             self.line(format_args!(
                 "    \"{}\": Topic({}, {}, ({}), \"{edge}\", {}),",
                 info.name,
-                travelling.schema.name,
+                schema.name,
                 constant(info.from),
                 consumers.trim_end(),
                 info.history
@@ -150,8 +139,8 @@ impl Module {
     fn services(&mut self) {
         self.line(format_args!("\n# Services beside the topics; those of a seat end in /LABEL."));
         self.line(format_args!("SERVICES = {{"));
-        for (name, travelling) in services() {
-            self.line(format_args!("    \"{name}\": {},", travelling.schema.name));
+        for (name, schema) in services() {
+            self.line(format_args!("    \"{name}\": {},", schema.name));
         }
         self.line(format_args!("}}"));
     }
@@ -190,7 +179,7 @@ for c in classes:
     for name, _ in c._fields_:
         assert getattr(c, name).offset == c.OFFSETS[name], (c, name)
 for name, topic in samples.TOPICS.items():
-    assert topic.type in classes and topic.type.type_name().endswith('::' + topic.type.__name__)
+    assert topic.type in classes
     assert isinstance(topic.producer, samples.Role) and len(topic.type.LAYOUT) == 16
 assert samples.seat_label(samples.Role.Attitude, 0) == 'attitude'
 assert samples.seat_label(samples.Role.Attitude, 2) == 'attitude-2'
@@ -210,7 +199,7 @@ print(len(classes), len(samples.TOPICS))
         assert!(checked.status.success(), "{errors}");
         let counted = String::from_utf8_lossy(&checked.stdout);
         let counted: Vec<usize> = counted.split_whitespace().map(|n| n.parse().unwrap()).collect();
-        assert_eq!(counted[1], travelling_topics().len());
+        assert_eq!(counted[1], topic_schemas().len());
         assert!(counted[0] > counted[1], "{counted:?}");
     }
 

@@ -1,44 +1,45 @@
 //! The transport as it comes, without stamps, order, registry or marks: what measurements of the ports are
 //! compared with.
 
-use super::payload::{Reader, Writer};
+use super::payload::{Reader, Writer, sample};
 use super::{Bus, Crowd, Ipc, PortError, RECORDER_CAPACITY, TopicFactory, service_name};
 use crate::graph::READER_CAPACITY;
 use core::any::Any;
+use core::marker::PhantomData;
 use core::time::Duration;
 use iceoryx2::service::port_factory::event;
-use shared_types::wire::Wire;
+use shared_types::wire::Shared;
 
 /// A publisher.
-pub struct BareWriter<T>(Box<dyn Writer<T>>);
+pub struct BareWriter<T>(Box<dyn Writer>, PhantomData<fn(T)>);
 
-impl<T: Wire> core::fmt::Debug for BareWriter<T> {
+impl<T: Shared> core::fmt::Debug for BareWriter<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("BareWriter").field("type", &T::SCHEMA.name).finish_non_exhaustive()
     }
 }
 
-impl<T> BareWriter<T> {
+impl<T: Shared> BareWriter<T> {
     /// Sends one sample; false if the transport refuses.
     pub fn send(&self, sample: &T) -> bool {
-        self.0.try_send(sample)
+        self.0.try_send(bytemuck::bytes_of(sample))
     }
 }
 
 /// A subscriber.
-pub struct BareReader<T>(Box<dyn Reader<T>>);
+pub struct BareReader<T>(Box<dyn Reader>, PhantomData<fn() -> T>);
 
-impl<T: Wire> core::fmt::Debug for BareReader<T> {
+impl<T: Shared> core::fmt::Debug for BareReader<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("BareReader").field("type", &T::SCHEMA.name).finish_non_exhaustive()
     }
 }
 
-impl<T> BareReader<T> {
+impl<T: Shared> BareReader<T> {
     /// Shows the next sample where it lies, if one has arrived.
     pub fn receive<R>(&self, look: impl Fn(&T) -> R) -> Option<R> {
         let mut seen = None;
-        self.0.show_next(&mut |sample| seen = Some(look(sample)));
+        self.0.show_next(&mut |_, bytes| seen = sample(bytes).map(&look));
         seen
     }
 }
@@ -86,28 +87,31 @@ impl Bus {
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn create_bare<T: Wire + 'static>(
+    pub fn create_bare<T: Shared>(
         &self,
         name: &str,
         history: usize,
     ) -> Result<TopicFactory<T>, PortError> {
-        self.create::<T>(name, RECORDER_CAPACITY, history, Crowd::ALL)
+        let depth = (RECORDER_CAPACITY, history);
+        self.create(name, &T::SCHEMA, depth, Crowd::ALL).map(TopicFactory::new)
     }
 
     /// Opens such a service for writing.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn bare_writer<T: Wire + 'static>(&self, name: &str) -> Result<BareWriter<T>, PortError> {
-        self.open::<T>(name)?.0.writer().map(BareWriter)
+    pub fn bare_writer<T: Shared>(&self, name: &str) -> Result<BareWriter<T>, PortError> {
+        let writer = self.open(name, &T::SCHEMA)?.writer(size_of::<T>())?;
+        Ok(BareWriter(writer, PhantomData))
     }
 
     /// Opens such a service for reading.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn bare_reader<T: Wire + 'static>(&self, name: &str) -> Result<BareReader<T>, PortError> {
-        self.open::<T>(name)?.0.reader(READER_CAPACITY).map(BareReader)
+    pub fn bare_reader<T: Shared>(&self, name: &str) -> Result<BareReader<T>, PortError> {
+        let reader = self.open(name, &T::SCHEMA)?.reader(Some(READER_CAPACITY))?;
+        Ok(BareReader(reader, PhantomData))
     }
 
     /// Creates an event service.

@@ -31,13 +31,11 @@ use crate::clock::{mono_now_ns, sleep_until};
 use crate::graph::READER_CAPACITY;
 use crate::namespace::{Reservation, SpareLinks};
 use iceoryx2::prelude::{
-    AttributeSpecifier, AttributeVerifier, Config, FilePath, LogLevel, MessagingPattern,
-    Node as IpcNode, NodeBuilder, SemanticString, Service as _, ServiceName, SignalHandlingMode,
-    ZeroCopySend, ipc, set_log_level,
+    Config, FilePath, LogLevel, MessagingPattern, Node as IpcNode, NodeBuilder, SemanticString,
+    Service as _, ServiceName, SignalHandlingMode, ipc, set_log_level,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
-use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use shared_types::wire::{Schema, Wire};
+use shared_types::wire::Schema;
 use shared_types::{Edge, NodeId, Role, Sample, Seat, Topic, TopicInfo, topics};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -88,6 +86,8 @@ impl Crowd {
     /// A service that the launcher alone writes; there is room for dead ones, and each look at an empty port walks over
     /// it.
     const ANNOUNCED: Self = Self { readers: MAX_PROCESSES + WATCHERS, writers: LAUNCHERS };
+    /// A service of one seat's states.
+    const STATES: Self = Self { readers: 4, writers: 8 };
 
     fn of(topic: &TopicInfo) -> Self {
         let seats: u32 = topic.to.iter().map(|role| role.seats()).sum();
@@ -169,7 +169,10 @@ impl Bus {
     }
 
     /// Makes a port as soon as its service admits it.
-    fn with_room<P>(&self, make: impl Fn() -> Result<P, PortError>) -> Result<P, PortError> {
+    fn with_room<P: ?Sized>(
+        &self,
+        make: &dyn Fn() -> Result<Box<P>, PortError>,
+    ) -> Result<Box<P>, PortError> {
         let give_up_ns = mono_now_ns().saturating_add(self.room_limit_ns);
         loop {
             match make() {
@@ -179,6 +182,28 @@ impl Bus {
                 made => return made,
             }
         }
+    }
+
+    /// Opens a service for reading, as soon as it admits a reader.
+    fn reader_on(
+        &self,
+        service: &str,
+        schema: &Schema,
+        capacity: Option<usize>,
+    ) -> Result<Box<dyn payload::Reader>, PortError> {
+        let opened = self.open(service, schema)?;
+        self.with_room(&|| opened.reader(capacity))
+    }
+
+    /// Opens a service for writing samples of up to so many bytes, as soon as it admits a writer.
+    fn writer_of(
+        &self,
+        service: &str,
+        schema: &Schema,
+        size: usize,
+    ) -> Result<Box<dyn payload::Writer>, PortError> {
+        let opened = self.open(service, schema)?;
+        self.with_room(&|| opened.writer(size))
     }
 
     /// Makes this connection the launcher's, before it writes anything: what only the launcher may
@@ -226,8 +251,8 @@ impl Bus {
         topic: &'static Topic<T>,
     ) -> Result<TopicFactory<T>, PortError> {
         let TopicInfo { name, history, .. } = topic.info;
-        let capacity = recorder_capacity(&topic.info);
-        self.create::<T>(name, capacity, history, Crowd::of(&topic.info))
+        let depth = (recorder_capacity(&topic.info), history);
+        self.create(name, &T::SCHEMA, depth, Crowd::of(&topic.info)).map(TopicFactory::new)
     }
 
     /// Opens a topic's service after comparing layouts.
@@ -238,71 +263,7 @@ impl Bus {
         &self,
         topic: &'static Topic<T>,
     ) -> Result<TopicFactory<T>, PortError> {
-        self.open::<T>(topic.info.name)
-    }
-
-    fn create<T: Wire + 'static>(
-        &self,
-        service: &str,
-        capacity: usize,
-        history: usize,
-        crowd: Crowd,
-    ) -> Result<TopicFactory<T>, PortError> {
-        let create = payload::maker::<T>(service)?.create;
-        create(self, service, capacity, history, crowd).map(TopicFactory)
-    }
-
-    pub(crate) fn open<T: Wire + 'static>(
-        &self,
-        service: &str,
-    ) -> Result<TopicFactory<T>, PortError> {
-        let opened = payload::maker::<T>(service).and_then(|maker| (maker.open)(self, service));
-        // Looking up with what layout it was created takes as long as to open it.
-        let opened = opened.or_else(|error| {
-            self.check_layout(service, &T::SCHEMA)?;
-            Err(error)
-        });
-        opened.map(TopicFactory)
-    }
-
-    fn create_payload<T: Wire + ZeroCopySend>(
-        &self,
-        service: &str,
-        capacity: usize,
-        history: usize,
-        crowd: Crowd,
-    ) -> Result<PortFactory<Ipc, T, ()>, PortError> {
-        let (key, layout) = layout_attribute::<T>(service)?;
-        let attributes = AttributeSpecifier::new()
-            .define(&key, &layout)
-            .map_err(PortError::transport(service, "define attributes"))?;
-        self.node()
-            .service_builder(&service_name(service)?)
-            .publish_subscribe::<T>()
-            .max_publishers(crowd.writers)
-            .max_subscribers(crowd.readers)
-            .max_nodes(MAX_NODES)
-            .subscriber_max_buffer_size(capacity)
-            .subscriber_max_borrowed_samples(2)
-            .history_size(history)
-            .enable_safe_overflow(true)
-            .create_with_attributes(&attributes)
-            .map_err(PortError::transport(service, "create the service"))
-    }
-
-    fn open_payload<T: Wire + ZeroCopySend>(
-        &self,
-        service: &str,
-    ) -> Result<PortFactory<Ipc, T, ()>, PortError> {
-        let (key, layout) = layout_attribute::<T>(service)?;
-        let same_layout = AttributeVerifier::new()
-            .require(&key, &layout)
-            .map_err(PortError::transport(service, "require attributes"))?;
-        self.node()
-            .service_builder(&service_name(service)?)
-            .publish_subscribe::<T>()
-            .open_with_attributes(&same_layout)
-            .map_err(PortError::transport(service, "open the service"))
+        self.open(topic.info.name, &T::SCHEMA).map(TopicFactory::new)
     }
 
     /// False once a service is gone: a process that has opened it keeps it, and none can open it any more.
@@ -352,8 +313,11 @@ fn layout_key(service: &str) -> Result<AttributeKey, PortError> {
 }
 
 /// Attribute with which a service states how its type is laid out.
-fn layout_attribute<T: Wire>(service: &str) -> Result<(AttributeKey, AttributeValue), PortError> {
-    let text = layout_text(&T::SCHEMA);
+fn layout_attribute(
+    service: &str,
+    schema: &Schema,
+) -> Result<(AttributeKey, AttributeValue), PortError> {
+    let text = layout_text(schema);
     let value = text.as_str().try_into().map_err(PortError::transport(service, "set a key"))?;
     Ok((layout_key(service)?, value))
 }

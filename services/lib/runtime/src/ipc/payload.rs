@@ -1,56 +1,59 @@
-//! Ports by the type of their payload, each compiled once, in this crate.
+//! The transport's ports, compiled once, in this crate.
 //!
-//! The transport's ports are much generic code, which every crate that opens a topic would compile again for each type.
-//! So nothing outside of this file names them: [`Service`], [`Reader`] and [`Sink`] are objects, and
-//! [`maker`] finds what makes them by the type of the payload.
+//! They are much generic code, which would be compiled again for each type of sample, and in each crate that opens a
+//! topic. So every service carries bytes, whose layout an attribute of the service names, and nothing outside of this file
+//! names the transport's ports: [`Service`], [`Reader`] and [`Writer`] are objects.
 
-use super::registry::{Guard, node_id};
-use super::{Bus, Crowd, Ipc, PortError};
-use crate::clock::mono_now_ns;
-use crate::input::Source;
-use crate::output::Sink;
-use crate::upkeep::in_transport;
-use core::any::{Any, TypeId};
-use core::convert::Infallible;
+use super::{Bus, Crowd, Ipc, PortError, layout_attribute, service_name};
+use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
-use iceoryx2::prelude::ZeroCopySend;
+use iceoryx2::prelude::{Alignment, AttributeSpecifier, AttributeVerifier};
 use iceoryx2::service::header::payload_header::PayloadHeader as _;
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use shared_types::wire::Wire;
-use shared_types::{
-    ClockRecord, Hello, NodeId, Progress, Registry, Sample, Topic, TopicVisitor, topics,
-};
+use shared_types::wire::{Schema, Shared};
+
+/// Alignment of every sample in shared memory: that of its widest numbers.
+pub(super) const ALIGNMENT: usize = 8;
+/// Samples of a service that a reader may hold at a time.
+const BORROWED: usize = 2;
+
+/// The sample whose bytes these are; none if they are not as many as it has.
+pub(super) fn sample<T: Shared>(bytes: &[u8]) -> Option<&T> {
+    const { assert!(align_of::<T>() <= ALIGNMENT, "samples lie where this alignment suffices") };
+    bytemuck::try_from_bytes(bytes).ok()
+}
 
 /// A service of the transport.
-pub(super) trait Service<T> {
+pub(super) trait Service {
     fn name(&self) -> &str;
     fn readers(&self) -> usize;
     fn writers(&self) -> usize;
-    /// A reader of a chosen depth, without history beyond it.
-    fn reader(&self, capacity: usize) -> Result<Box<dyn Reader<T>>, PortError>;
-    fn writer(&self) -> Result<Box<dyn Writer<T>>, PortError>;
+    /// A reader that keeps so many samples; without a number, as many as the service allows.
+    fn reader(&self, capacity: Option<usize>) -> Result<Box<dyn Reader>, PortError>;
+    /// A writer of samples of up to so many bytes.
+    fn writer(&self, size: usize) -> Result<Box<dyn Writer>, PortError>;
 }
 
-/// A subscriber, perhaps of those in the registry alone.
-pub(super) trait Reader<T>: Source<T> {
-    /// From now on lets only samples pass that come from the seat that they claim.
-    fn guard(&mut self, guard: Guard<T>);
-    /// The next sample with its writer's process: identity and process id.
-    fn receive_from(&mut self) -> Option<(T, NodeId, u32)>;
-    /// Shows the next sample where it lies, whichever process wrote it; false if none has arrived.
-    fn show_next(&self, show: &mut dyn FnMut(&T)) -> bool;
+/// A subscriber.
+pub(super) trait Reader {
+    /// Shows the next sample where it lies, and which connection wrote it; false if none has arrived.
+    fn show_next(&self, show: &mut dyn FnMut(UniqueNodeId, &[u8])) -> bool;
 }
 
 /// A publisher.
-pub(super) trait Writer<T>: Sink<T> {
-    /// Sends one sample, whose allocations nothing counts; false if the transport refuses.
-    fn try_send(&self, sample: &T) -> bool;
+pub(super) trait Writer {
+    /// Sends one sample; false if the transport refuses.
+    fn try_send(&self, sample: &[u8]) -> bool;
+    /// Lets readers that have just joined have the history.
+    fn serve_late_joiners(&self);
 }
 
-impl<T: Wire + ZeroCopySend> Service<T> for PortFactory<Ipc, T, ()> {
+type Bytes = PortFactory<Ipc, [u8], ()>;
+
+impl Service for Bytes {
     fn name(&self) -> &str {
         iceoryx2::service::port_factory::PortFactory::name(self).as_str()
     }
@@ -63,173 +66,113 @@ impl<T: Wire + ZeroCopySend> Service<T> for PortFactory<Ipc, T, ()> {
         self.dynamic_config().number_of_publishers()
     }
 
-    fn reader(&self, capacity: usize) -> Result<Box<dyn Reader<T>>, PortError> {
-        let subscriber = self
-            .subscriber_builder()
-            .buffer_size(capacity)
-            .create()
-            .map_err(|error| PortError::no_reader(Service::name(self), error))?;
-        Ok(Box::new(PayloadReader { subscriber, guard: None }))
+    fn reader(&self, capacity: Option<usize>) -> Result<Box<dyn Reader>, PortError> {
+        let builder = self.subscriber_builder();
+        let builder = match capacity {
+            Some(capacity) => builder.buffer_size(capacity),
+            None => builder,
+        };
+        let subscriber =
+            builder.create().map_err(|error| PortError::no_reader(Service::name(self), error))?;
+        Ok(Box::new(subscriber))
     }
 
-    fn writer(&self) -> Result<Box<dyn Writer<T>>, PortError> {
+    fn writer(&self, size: usize) -> Result<Box<dyn Writer>, PortError> {
         let publisher = self
             .publisher_builder()
             .max_loaned_samples(1)
+            .initial_max_slice_len(size)
             .create()
             .map_err(|error| PortError::no_writer(Service::name(self), error))?;
-        Ok(Box::new(PayloadWriter { publisher }))
+        Ok(Box::new(publisher))
     }
 }
 
-/// A sample in shared memory, which its writer lends.
-type Lent<T> = iceoryx2::sample::Sample<Ipc, T, ()>;
-
-struct PayloadReader<T: Wire + ZeroCopySend> {
-    subscriber: Subscriber<Ipc, T, ()>,
-    guard: Option<Guard<T>>,
-}
-
-impl<T: Wire + ZeroCopySend> PayloadReader<T> {
-    /// The next sample, where it lies.
-    fn next(&self) -> Option<Lent<T>> {
+impl Reader for Subscriber<Ipc, [u8], ()> {
+    fn show_next(&self, show: &mut dyn FnMut(UniqueNodeId, &[u8])) -> bool {
         // A failed connection to one publisher must not silence the others; it is retried at the next
         // call, and a lost sample shows as a gap in the sequence.
-        self.subscriber.receive().ok().flatten()
-    }
-
-    /// True if it comes from a process that may write.
-    fn passes(&self, sample: &Lent<T>) -> bool {
-        let passes = |guard: &Guard<T>| guard.passes(sample.header().node_id(), sample);
-        self.guard.as_ref().is_none_or(passes)
-    }
-}
-
-impl<T: Wire + ZeroCopySend> Source<T> for PayloadReader<T> {
-    fn receive(&mut self) -> Option<T> {
-        loop {
-            let sample = self.next()?;
-            if self.passes(&sample) {
-                return Some(*sample);
-            }
-        }
-    }
-
-    fn drain(&mut self, take: &mut dyn FnMut(&T, u64)) {
-        while let Some(sample) = self.next() {
-            // Before anything of it is read: a clock lets no later look begin, and each line of a sample
-            // has to come from the writer's processor.
-            let receive_mono_ns = mono_now_ns();
-            if self.passes(&sample) {
-                take(&sample, receive_mono_ns);
-            }
-        }
-    }
-}
-
-impl<T: Wire + ZeroCopySend> Reader<T> for PayloadReader<T> {
-    fn guard(&mut self, guard: Guard<T>) {
-        self.guard = Some(guard);
-    }
-
-    fn receive_from(&mut self) -> Option<(T, NodeId, u32)> {
-        let sample = self.next()?;
-        let node = sample.header().node_id();
-        let pid = node.pid::<Ipc>().map_or(0, |pid| pid.value().cast_unsigned());
-        Some((*sample.payload(), node_id(node), pid))
-    }
-
-    fn show_next(&self, show: &mut dyn FnMut(&T)) -> bool {
-        let sample = self.next();
+        let sample = self.receive().ok().flatten();
         if let Some(sample) = &sample {
-            show(sample.payload());
+            show(sample.header().node_id(), sample.payload());
         }
         sample.is_some()
     }
 }
 
-struct PayloadWriter<T: Wire + ZeroCopySend> {
-    publisher: Publisher<Ipc, T, ()>,
-}
-
-impl<T: Wire + ZeroCopySend> Sink<T> for PayloadWriter<T> {
-    fn send(&mut self, sample: &T) {
-        // With overflow on, sending fails only if the segment is gone; the reader then sees a gap
-        // in the sequence, which is counted there.
-        in_transport(&mut || {
-            self.try_send(sample);
-        });
+impl Writer for Publisher<Ipc, [u8], ()> {
+    fn try_send(&self, sample: &[u8]) -> bool {
+        let slot = self.loan_slice_uninit(sample.len());
+        slot.is_ok_and(|slot| slot.write_from_slice(sample).send().is_ok())
     }
 
-    fn serve_late_joiners(&mut self) {
-        let _ = self.publisher.update_connections();
+    fn serve_late_joiners(&self) {
+        let _ = self.update_connections();
     }
 }
 
-impl<T: Wire + ZeroCopySend> Writer<T> for PayloadWriter<T> {
-    fn try_send(&self, sample: &T) -> bool {
-        let slot = self.publisher.loan_uninit();
-        slot.is_ok_and(|slot| slot.write_payload(*sample).send().is_ok())
+impl Bus {
+    /// Creates a service that keeps up to `capacity` samples for each reader, and `history` for one that comes late.
+    pub(super) fn create(
+        &self,
+        service: &str,
+        schema: &Schema,
+        (capacity, history): (usize, usize),
+        crowd: Crowd,
+    ) -> Result<Box<dyn Service>, PortError> {
+        let (key, layout) = layout_attribute(service, schema)?;
+        let attributes = AttributeSpecifier::new()
+            .define(&key, &layout)
+            .map_err(PortError::transport(service, "define attributes"))?;
+        let created: Bytes = self
+            .node()
+            .service_builder(&service_name(service)?)
+            .publish_subscribe::<[u8]>()
+            .payload_alignment(alignment(service)?)
+            .max_publishers(crowd.writers)
+            .max_subscribers(crowd.readers)
+            .max_nodes(super::MAX_NODES)
+            .subscriber_max_buffer_size(capacity)
+            .subscriber_max_borrowed_samples(BORROWED)
+            .history_size(history)
+            .enable_safe_overflow(true)
+            .create_with_attributes(&attributes)
+            .map_err(PortError::transport(service, "create the service"))?;
+        Ok(Box::new(created))
+    }
+
+    /// Opens a service whose samples are laid out like this.
+    pub(super) fn open(
+        &self,
+        service: &str,
+        schema: &Schema,
+    ) -> Result<Box<dyn Service>, PortError> {
+        self.open_bytes(service, schema).or_else(|error| {
+            // Looking up with what layout it was created takes as long as to open it.
+            self.check_layout(service, schema)?;
+            Err(error)
+        })
+    }
+
+    fn open_bytes(&self, service: &str, schema: &Schema) -> Result<Box<dyn Service>, PortError> {
+        let (key, layout) = layout_attribute(service, schema)?;
+        let same_layout = AttributeVerifier::new()
+            .require(&key, &layout)
+            .map_err(PortError::transport(service, "require attributes"))?;
+        let opened: Bytes = self
+            .node()
+            .service_builder(&service_name(service)?)
+            .publish_subscribe::<[u8]>()
+            .payload_alignment(alignment(service)?)
+            .open_with_attributes(&same_layout)
+            .map_err(PortError::transport(service, "open the service"))?;
+        Ok(Box::new(opened))
     }
 }
 
-/// A service of one type, or why there is none.
-type Made<T> = Result<Box<dyn Service<T>>, PortError>;
-
-/// Makes and finds the services of one type.
-pub(super) struct Maker<T> {
-    pub(super) create: fn(&Bus, &str, usize, usize, Crowd) -> Made<T>,
-    pub(super) open: fn(&Bus, &str) -> Made<T>,
-}
-
-impl<T: Wire + ZeroCopySend + 'static> Maker<T> {
-    const OF_TYPE: Self = Self {
-        create: |bus, name, capacity, history, crowd| {
-            Ok(Box::new(bus.create_payload::<T>(name, capacity, history, crowd)?))
-        },
-        open: |bus, name| Ok(Box::new(bus.open_payload::<T>(name)?)),
-    };
-}
-
-/// What makes the services of a type, which must be that of a topic or of a service beside the topics.
-pub(super) fn maker<T: Wire + 'static>(service: &str) -> Result<&'static Maker<T>, PortError> {
-    let maker = maker_of(TypeId::of::<T>()).and_then(|maker| maker.downcast_ref());
-    maker.ok_or_else(|| PortError::Transport {
-        service: service.to_owned(),
-        action: "make ports",
-        reason: format!("{} is not the type of a topic", T::SCHEMA.name),
+fn alignment(service: &str) -> Result<Alignment, PortError> {
+    Alignment::new(ALIGNMENT).ok_or_else(|| {
+        let reason = format!("{ALIGNMENT} is not a power of two");
+        PortError::Transport { service: service.to_owned(), action: "align samples", reason }
     })
-}
-
-/// The maker for a type that is only known by its identity.
-fn maker_of(id: TypeId) -> Option<&'static dyn Any> {
-    if id == TypeId::of::<ClockRecord>() {
-        Some(&Maker::<ClockRecord>::OF_TYPE)
-    } else if id == TypeId::of::<Hello>() {
-        Some(&Maker::<Hello>::OF_TYPE)
-    } else if id == TypeId::of::<Progress>() {
-        Some(&Maker::<Progress>::OF_TYPE)
-    } else if id == TypeId::of::<Registry>() {
-        Some(&Maker::<Registry>::OF_TYPE)
-    } else {
-        let mut search = Search { id, found: None };
-        let Ok(()) = topics::visit_all(&mut search);
-        search.found
-    }
-}
-
-/// Looks for the maker of a type among those of the topics.
-struct Search {
-    id: TypeId,
-    found: Option<&'static dyn Any>,
-}
-
-impl TopicVisitor for Search {
-    type Error = Infallible;
-    fn visit<T: Sample>(&mut self, _topic: &'static Topic<T>) -> Result<(), Infallible> {
-        if self.id == TypeId::of::<T>() {
-            self.found = Some(&Maker::<T>::OF_TYPE);
-        }
-        Ok(())
-    }
 }

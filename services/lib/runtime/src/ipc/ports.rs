@@ -1,117 +1,166 @@
 //! Typed publishers and subscribers behind the [`Source`] and [`Sink`] of a service.
 
-use super::payload::{Reader, Service, Writer};
-use super::registry::{Accepts, Guard, RegistryReader, Stray};
+use super::payload::{Reader, Service, Writer, sample};
+use super::registry::{Accepts, Guard, RegistryReader, SharedRegistry, Stray, node_id, pid_of};
 use super::{Bus, Crowd, FLYING_CAPACITY, PortError, ServiceKind};
+use crate::clock::mono_now_ns;
 use crate::input::Source;
 use crate::output::Sink;
-use shared_types::wire::Wire;
+use crate::upkeep::in_transport;
+use core::marker::PhantomData;
+use iceoryx2::identifiers::UniqueNodeId;
+use shared_types::wire::Shared;
 use shared_types::{
     ClockRecord, Edge as EdgeKind, NodeId, Progress, Registry, RegistryEntry, Role, Sample, Seat,
     Topic, topics,
 };
 use std::rc::Rc;
 
-/// A service of one payload, from which ports are made. It is there for as long as it is held.
-pub struct TopicFactory<T>(pub(super) Box<dyn Service<T>>);
+/// A service of one type of sample, from which ports are made. It is there for as long as it is held.
+pub struct TopicFactory<T> {
+    pub(super) service: Box<dyn Service>,
+    samples: PhantomData<fn() -> T>,
+}
 
 impl<T> core::fmt::Debug for TopicFactory<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_tuple("TopicFactory").field(&self.0.name()).finish()
+        f.debug_tuple("TopicFactory").field(&self.service.name()).finish()
     }
 }
 
 impl<T> TopicFactory<T> {
+    pub(super) fn new(service: Box<dyn Service>) -> Self {
+        Self { service, samples: PhantomData }
+    }
+
     /// Readers that there are now, in all processes.
     #[must_use]
     pub fn readers(&self) -> usize {
-        self.0.readers()
+        self.service.readers()
     }
 
     /// Writers that there are now, in all processes.
     #[must_use]
     pub fn writers(&self) -> usize {
-        self.0.writers()
+        self.service.writers()
     }
 }
 
 /// A subscriber, perhaps of those in the registry alone.
-pub struct IpcSource<T>(Box<dyn Reader<T>>);
+pub struct IpcSource<T> {
+    reader: Box<dyn Reader>,
+    /// From where samples are taken; without it, from every process.
+    guard: Option<Guard<T>>,
+}
 
-impl<T: Wire> core::fmt::Debug for IpcSource<T> {
+impl<T: Shared> core::fmt::Debug for IpcSource<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("IpcSource").field("type", &T::SCHEMA.name).finish_non_exhaustive()
     }
 }
 
-impl<T> IpcSource<T> {
+impl<T: Shared> IpcSource<T> {
     /// A reader of a chosen depth, without history beyond it.
     ///
     /// # Errors
     /// The topic has too many readers, or is not that deep.
     pub fn with_capacity(factory: &TopicFactory<T>, capacity: usize) -> Result<Self, PortError> {
-        factory.0.reader(capacity).map(Self)
+        Ok(Self { reader: factory.service.reader(Some(capacity))?, guard: None })
     }
 
     /// The next sample with its writer's process: identity and process id.
     pub fn receive_from(&mut self) -> Option<(T, NodeId, u32)> {
-        self.0.receive_from()
+        let mut received = None;
+        let mut show = |node: UniqueNodeId, bytes: &[u8]| {
+            received = sample(bytes).map(|sample| (*sample, node_id(node), pid_of(node)));
+        };
+        self.reader.show_next(&mut show).then_some(())?;
+        received
+    }
+
+    /// The sample in these bytes, if their writer may have written it.
+    fn accepted<'a>(&self, node: UniqueNodeId, bytes: &'a [u8]) -> Option<&'a T> {
+        let Some(guard) = &self.guard else { return sample(bytes) };
+        guard.accepted(node, sample(bytes))
     }
 }
 
-impl<T> Source<T> for IpcSource<T> {
+impl<T: Shared> Source<T> for IpcSource<T> {
     fn receive(&mut self) -> Option<T> {
-        self.0.receive()
+        let mut received = None;
+        while received.is_none() {
+            let mut show = |node: UniqueNodeId, bytes: &[u8]| {
+                received = self.accepted(node, bytes).copied();
+            };
+            self.reader.show_next(&mut show).then_some(())?;
+        }
+        received
     }
 
     fn drain(&mut self, take: &mut dyn FnMut(&T, u64)) {
-        self.0.drain(take);
+        let mut show = |node: UniqueNodeId, bytes: &[u8]| {
+            // Before anything of it is read: a clock lets no later look begin, and each line of a sample
+            // has to come from the writer's processor.
+            let receive_mono_ns = mono_now_ns();
+            if let Some(sample) = self.accepted(node, bytes) {
+                take(sample, receive_mono_ns);
+            }
+        };
+        while self.reader.show_next(&mut show) {}
     }
 }
 
 /// A publisher.
-pub struct IpcSink<T>(Box<dyn Writer<T>>);
+pub struct IpcSink<T> {
+    writer: Box<dyn Writer>,
+    samples: PhantomData<fn(T)>,
+}
 
-impl<T: Wire> core::fmt::Debug for IpcSink<T> {
+impl<T: Shared> core::fmt::Debug for IpcSink<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("IpcSink").field("type", &T::SCHEMA.name).finish_non_exhaustive()
     }
 }
 
-impl<T> IpcSink<T> {
+impl<T: Shared> IpcSink<T> {
+    fn over(writer: Box<dyn Writer>) -> Self {
+        Self { writer, samples: PhantomData }
+    }
+
     /// A writer.
     ///
     /// # Errors
     /// The topic has too many writers, or shared memory is full.
     pub fn new(factory: &TopicFactory<T>) -> Result<Self, PortError> {
-        factory.0.writer().map(Self)
+        factory.service.writer(size_of::<T>()).map(Self::over)
     }
 }
 
-impl<T> Sink<T> for IpcSink<T> {
+impl<T: Shared> Sink<T> for IpcSink<T> {
     fn send(&mut self, sample: &T) {
-        self.0.send(sample);
+        // With overflow on, sending fails only if the segment is gone; the reader then sees a gap
+        // in the sequence, which is counted there.
+        in_transport(&mut || {
+            self.writer.try_send(bytemuck::bytes_of(sample));
+        });
     }
 
     fn serve_late_joiners(&mut self) {
-        self.0.serve_late_joiners();
+        self.writer.serve_late_joiners();
     }
 }
 
 /// A reader that only wants the newest sample.
 #[derive(Debug)]
-pub struct LatestPort<T: Wire> {
+pub struct LatestPort<T: Shared> {
     source: IpcSource<T>,
     latest: Option<T>,
 }
 
-impl<T: Wire + 'static> LatestPort<T> {
+impl<T: Shared> LatestPort<T> {
     /// Opens a service that is not a topic, for what `accepts` lets pass.
     fn open(bus: &Bus, kind: ServiceKind, accepts: Accepts<T>) -> Result<Self, PortError> {
-        let factory = bus.open::<T>(&kind.name())?;
-        let mut source = bus.with_room(|| IpcSource::with_capacity(&factory, 2))?;
-        source.0.guard(bus.guard(&kind.name(), accepts)?);
-        Ok(Self { source, latest: None })
+        Ok(Self { source: bus.guarded(&kind.name(), 2, accepts)?, latest: None })
     }
 
     /// The newest sample, if there ever was one.
@@ -155,7 +204,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn create_service<T: Wire + 'static>(
+    pub fn create_service<T: Shared>(
         &self,
         kind: ServiceKind,
         capacity: usize,
@@ -164,30 +213,23 @@ impl Bus {
             ServiceKind::Clock | ServiceKind::Registry => Crowd::ANNOUNCED,
             _ => Crowd::ALL,
         };
-        self.create::<T>(&kind.name(), capacity, 1, crowd)
+        self.create(&kind.name(), &T::SCHEMA, (capacity, 1), crowd).map(TopicFactory::new)
     }
 
     /// Opens a service that is not a topic.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn open_service<T: Wire + 'static>(
-        &self,
-        kind: ServiceKind,
-    ) -> Result<TopicFactory<T>, PortError> {
-        self.open::<T>(&kind.name())
+    pub fn open_service<T: Shared>(&self, kind: ServiceKind) -> Result<TopicFactory<T>, PortError> {
+        self.open(&kind.name(), &T::SCHEMA).map(TopicFactory::new)
     }
 
     /// Opens a service that is not a topic for writing.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn open_writer<T: Wire + 'static>(
-        &self,
-        kind: ServiceKind,
-    ) -> Result<IpcSink<T>, PortError> {
-        let factory = self.open::<T>(&kind.name())?;
-        self.with_room(|| IpcSink::new(&factory))
+    pub fn open_writer<T: Shared>(&self, kind: ServiceKind) -> Result<IpcSink<T>, PortError> {
+        self.writer_of(&kind.name(), &T::SCHEMA, size_of::<T>()).map(IpcSink::over)
     }
 
     /// Opens a topic for writing.
@@ -195,8 +237,7 @@ impl Bus {
     /// # Errors
     /// [`PortError`].
     pub fn writer<T: Sample>(&self, topic: &'static Topic<T>) -> Result<IpcSink<T>, PortError> {
-        let factory = self.open_topic(topic)?;
-        self.with_room(|| IpcSink::new(&factory))
+        self.writer_of(topic.info.name, &T::SCHEMA, size_of::<T>()).map(IpcSink::over)
     }
 
     /// Opens a topic for reading: what the processes of role `from` publish on it, and no others.
@@ -210,8 +251,6 @@ impl Bus {
         from: Role,
         capacity: usize,
     ) -> Result<IpcSource<T>, PortError> {
-        let factory = self.open_topic(topic)?;
-        let mut source = self.with_room(|| IpcSource::with_capacity(&factory, capacity))?;
         let accepts = match (from, topic.info.edge) {
             // What processes report of themselves; who takes a seat is the launcher's to say.
             (Role::Supervisor, EdgeKind::RecordOnly)
@@ -222,8 +261,7 @@ impl Bus {
             (Role::Supervisor, _) => Accepts::Launcher,
             _ => Accepts::from_role(from),
         };
-        source.0.guard(self.guard(topic.info.name, accepts)?);
-        Ok(source)
+        self.guarded(topic.info.name, capacity, accepts)
     }
 
     /// Opens a topic for reading in flight.
@@ -240,6 +278,17 @@ impl Bus {
 }
 
 impl Bus {
+    /// Opens a service for reading what `accepts` lets pass.
+    fn guarded<T: Shared>(
+        &self,
+        service: &str,
+        capacity: usize,
+        accepts: Accepts<T>,
+    ) -> Result<IpcSource<T>, PortError> {
+        let reader = self.reader_on(service, &T::SCHEMA, Some(capacity))?;
+        Ok(IpcSource { reader, guard: Some(self.guard(service, accepts)?) })
+    }
+
     /// Sets from which writers a reader of `service` takes samples.
     pub(super) fn guard<T>(
         &self,
@@ -248,30 +297,20 @@ impl Bus {
     ) -> Result<Guard<T>, PortError> {
         let registry = match accepts {
             Accepts::Launcher => None,
-            Accepts::Registered { .. } => {
-                self.with_registry(|_| ())?;
-                Some(Rc::clone(&self.registry))
-            }
+            Accepts::Registered { .. } => Some(self.opened_registry()?),
         };
         Ok(Guard::new(Rc::clone(&self.authority), registry, service, accepts))
     }
 
-    fn with_registry<R>(
-        &self,
-        look: impl FnOnce(&mut RegistryReader) -> R,
-    ) -> Result<R, PortError> {
+    /// The registry, which is opened with the first reader that needs it.
+    fn opened_registry(&self) -> Result<SharedRegistry, PortError> {
         let mut registry = self.registry.borrow_mut();
         if registry.is_none() {
-            let kind = ServiceKind::Registry;
-            let factory = self.open_service::<Registry>(kind)?;
-            let mut port = self.with_room(|| IpcSource::with_capacity(&factory, 2))?;
-            port.0.guard(self.guard(&kind.name(), Accepts::Launcher)?);
+            let service = ServiceKind::Registry.name();
+            let port = self.guarded::<Registry>(&service, 2, Accepts::Launcher)?;
             *registry = Some(RegistryReader::new(Box::new(port)));
         }
-        match registry.as_mut() {
-            Some(registry) => Ok(look(registry)),
-            None => unreachable!("it was opened above"),
-        }
+        Ok(Rc::clone(&self.registry))
     }
 
     /// Shows which process sits where, as far as it is known here now.
@@ -282,10 +321,11 @@ impl Bus {
         &self,
         look: impl FnOnce(&[RegistryEntry]) -> R,
     ) -> Result<R, PortError> {
-        self.with_registry(|registry| {
-            registry.refresh();
-            look(registry.entries())
-        })
+        let registry = self.opened_registry()?;
+        let mut registry = registry.borrow_mut();
+        let Some(registry) = registry.as_mut() else { unreachable!("it was opened above") };
+        registry.refresh();
+        Ok(look(registry.entries()))
     }
 
     /// Writers whose samples this process's readers have ignored.

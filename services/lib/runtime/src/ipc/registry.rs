@@ -16,7 +16,7 @@ use shared_types::{
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Stray writers that are counted separately, by service; further ones count with the last.
+/// Stray writers that are counted separately, by service; further ones count together, as of process 0.
 const MAX_STRAYS: usize = 64;
 /// Launchers that one process may come to know without allocating.
 const USUAL_LAUNCHERS: usize = 8;
@@ -30,10 +30,15 @@ pub(super) fn node_id(id: UniqueNodeId) -> NodeId {
     [(value >> 64) as u64, value as u64]
 }
 
+/// The process of a connection; 0 if the transport does not know it.
+pub(super) fn pid_of(id: UniqueNodeId) -> u32 {
+    id.pid::<Ipc>().map_or(0, |pid| pid.value().cast_unsigned())
+}
+
 /// A process that wrote without sitting where it claimed to.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stray {
-    /// Its process id, as reported by the transport.
+    /// Its process id, as reported by the transport; 0 of several that are not told apart.
     pub pid: u32,
     /// Service it wrote on.
     pub service: Rc<str>,
@@ -65,7 +70,7 @@ impl Authority {
             leader_file,
             leaders: RefCell::new(leaders),
             refused: RefCell::new([NodeId::default(); MAX_REFUSED]),
-            strays: RefCell::new(Vec::with_capacity(MAX_STRAYS)),
+            strays: RefCell::new(Vec::with_capacity(MAX_STRAYS + 1)),
         }
     }
 
@@ -100,10 +105,13 @@ impl Authority {
         if let Some(stray) = strays.iter_mut().find(|s| known(s)) {
             stray.samples = stray.samples.saturating_add(1);
         } else if strays.len() < MAX_STRAYS {
-            let pid = id.pid::<Ipc>().map_or(0, |pid| pid.value().cast_unsigned());
-            strays.push(Stray { pid, service: Rc::clone(service), samples: 1, node });
-        } else if let Some(last) = strays.last_mut() {
-            last.samples += 1;
+            let service = Rc::clone(service);
+            strays.push(Stray { pid: pid_of(id), service, samples: 1, node });
+        } else if let Some(others) = strays.get_mut(MAX_STRAYS) {
+            others.samples = others.samples.saturating_add(1);
+        } else {
+            let (service, node) = (Rc::clone(service), NodeId::default());
+            strays.push(Stray { pid: 0, service, samples: 1, node });
         }
     }
 }
@@ -240,10 +248,17 @@ impl<T> Guard<T> {
         Self { authority, registry, service: Rc::from(service), accepts, last: Cell::new(None) }
     }
 
-    /// True if the writer sits where the sample claims.
-    pub(super) fn passes(&self, id: UniqueNodeId, sample: &T) -> bool {
-        let entry = self.entry(id);
-        let passes = entry.is_some_and(|entry| match &self.accepts {
+    /// The sample, if its writer sits where it claims. What has not the size of a sample is none, whoever wrote it.
+    pub(super) fn accepted<'a>(&self, id: UniqueNodeId, sample: Option<&'a T>) -> Option<&'a T> {
+        let accepted = sample.filter(|sample| self.passes(id, sample));
+        if accepted.is_none() {
+            self.authority.count_stray(id, &self.service);
+        }
+        accepted
+    }
+
+    fn passes(&self, id: UniqueNodeId, sample: &T) -> bool {
+        self.entry(id).is_some_and(|entry| match &self.accepts {
             Accepts::Launcher => true,
             Accepts::Registered { seats, claims } => {
                 let sits = |(role, seat): (Role, Option<u32>)| {
@@ -251,11 +266,7 @@ impl<T> Guard<T> {
                 };
                 seats.is_none_or(sits) && claims(sample, &entry)
             }
-        });
-        if !passes {
-            self.authority.count_stray(id, &self.service);
-        }
-        passes
+        })
     }
 
     /// What is known of a writer that may write; the launcher is on no line of the registry.

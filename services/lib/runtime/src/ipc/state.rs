@@ -1,23 +1,21 @@
-//! Published states: packed bytes of one service kind, with the header of the step. As with the ports of the topics, the
-//! transport's own objects stay in this crate, so that no other one compiles their code again.
+//! Published states: samples of the header of a step and then the packed bytes of the state.
 
+use super::payload::{Reader, Service, Writer, sample};
 use super::registry::{Accepts, Guard};
-use super::{Bus, Ipc, PortError, ServiceKind, service_name};
+use super::{Bus, Crowd, PortError, ServiceKind};
 use crate::executor::StateSink;
 use crate::upkeep::in_transport;
-use core::any::Any;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::port::update_connections::UpdateConnections as _;
-use iceoryx2::service::header::payload_header::PayloadHeader as _;
-use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use shared_types::wire::Wire as _;
 use shared_types::{Header, Seat};
 
-type States = PortFactory<Ipc, [u8], Header>;
-
 /// A state or hand-over service, which is there for as long as it is held.
-#[derive(Debug)]
-pub struct StateService(#[expect(dead_code, reason = "held until it is dropped")] Box<dyn Any>);
+pub struct StateService(#[expect(dead_code, reason = "held until it is dropped")] Box<dyn Service>);
+
+impl core::fmt::Debug for StateService {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("StateService").finish_non_exhaustive()
+    }
+}
 
 impl Bus {
     /// Creates a state or hand-over service whose readers keep `depth` states (launcher only).
@@ -29,21 +27,7 @@ impl Bus {
         kind: ServiceKind,
         depth: usize,
     ) -> Result<StateService, PortError> {
-        let service = kind.name();
-        let states = self
-            .node()
-            .service_builder(&service_name(&service)?)
-            .publish_subscribe::<[u8]>()
-            .user_header::<Header>()
-            .max_publishers(8)
-            .max_subscribers(4)
-            .max_nodes(super::MAX_NODES)
-            .subscriber_max_buffer_size(depth)
-            .history_size(1)
-            .enable_safe_overflow(true)
-            .create()
-            .map_err(PortError::transport(&service, "create the service"))?;
-        Ok(StateService(Box::new(states)))
+        self.create(&kind.name(), &Header::SCHEMA, (depth, 1), Crowd::STATES).map(StateService)
     }
 
     /// Opens a state or hand-over service.
@@ -51,22 +35,16 @@ impl Bus {
     /// # Errors
     /// [`PortError`].
     pub fn open_state_service(&self, kind: ServiceKind) -> Result<StateService, PortError> {
-        Ok(StateService(Box::new(self.open_states(kind)?)))
-    }
-
-    fn open_states(&self, kind: ServiceKind) -> Result<States, PortError> {
-        let service = kind.name();
-        self.node()
-            .service_builder(&service_name(&service)?)
-            .publish_subscribe::<[u8]>()
-            .user_header::<Header>()
-            .open()
-            .map_err(PortError::transport(&service, "open the service"))
+        self.open(&kind.name(), &Header::SCHEMA).map(StateService)
     }
 }
 
 /// Writes states.
-pub struct StatePublisher(Box<dyn StateSink>);
+pub struct StatePublisher {
+    writer: Box<dyn Writer>,
+    /// The sample that is sent next.
+    sample: Vec<u8>,
+}
 
 impl core::fmt::Debug for StatePublisher {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
@@ -80,58 +58,31 @@ impl StatePublisher {
     /// # Errors
     /// [`PortError`].
     pub fn open(bus: &Bus, kind: ServiceKind, capacity: usize) -> Result<Self, PortError> {
-        let states = bus.open_states(kind)?;
-        let publisher = bus.with_room(|| {
-            states
-                .publisher_builder()
-                .max_loaned_samples(1)
-                .initial_max_slice_len(capacity)
-                .create()
-                .map_err(|error| PortError::no_writer(&kind.name(), error))
-        })?;
-        Ok(Self(Box::new(publisher)))
-    }
-}
-
-impl StateSink for Publisher<Ipc, [u8], Header> {
-    fn send(&mut self, header: &Header, state: &[u8]) {
-        // See `IpcSink::send`: a failure shows as a gap to the reader.
-        in_transport(&mut || {
-            if let Ok(mut slot) = self.loan_slice_uninit(state.len()) {
-                *slot.user_header_mut() = *header;
-                let _ = slot.write_from_slice(state).send();
-            }
-        });
-    }
-
-    fn serve_late_joiners(&mut self) {
-        let _ = self.update_connections();
+        let size = size_of::<Header>() + capacity;
+        let writer = bus.writer_of(&kind.name(), &Header::SCHEMA, size)?;
+        Ok(Self { writer, sample: Vec::with_capacity(size) })
     }
 }
 
 impl StateSink for StatePublisher {
     fn send(&mut self, header: &Header, state: &[u8]) {
-        self.0.send(header, state);
+        self.sample.clear();
+        self.sample.extend_from_slice(bytemuck::bytes_of(header));
+        self.sample.extend_from_slice(state);
+        // See `IpcSink::send`: a failure shows as a gap to the reader.
+        in_transport(&mut || {
+            self.writer.try_send(&self.sample);
+        });
     }
 
     fn serve_late_joiners(&mut self) {
-        self.0.serve_late_joiners();
+        self.writer.serve_late_joiners();
     }
 }
 
 /// Reads states from processes that may write them.
-pub struct StateSubscriber(Box<dyn StateSource>);
-
-/// What is done with a state and the header of its step.
-type Show<'a> = &'a mut dyn FnMut(&Header, &[u8]);
-
-trait StateSource {
-    /// Shows the next state, if one has arrived; false if none has.
-    fn receive(&mut self, show: Show<'_>) -> bool;
-}
-
-struct GuardedStates {
-    subscriber: Subscriber<Ipc, [u8], Header>,
+pub struct StateSubscriber {
+    reader: Box<dyn Reader>,
     guard: Guard<Header>,
 }
 
@@ -159,29 +110,27 @@ impl StateSubscriber {
     }
 
     fn open(bus: &Bus, kind: ServiceKind, accepts: Accepts<Header>) -> Result<Self, PortError> {
-        let guard = bus.guard(&kind.name(), accepts)?;
-        let states = bus.open_states(kind)?;
-        let subscriber = bus.with_room(|| {
-            let subscriber = states.subscriber_builder().create();
-            subscriber.map_err(|error| PortError::no_reader(&kind.name(), error))
-        })?;
-        Ok(Self(Box::new(GuardedStates { subscriber, guard })))
+        let (service, schema) = (kind.name(), &Header::SCHEMA);
+        let guard = bus.guard(&service, accepts)?;
+        Ok(Self { reader: bus.reader_on(&service, schema, None)?, guard })
     }
 
     /// Shows the next state, if one has arrived; false if none has.
     pub fn receive(&mut self, mut show: impl FnMut(&Header, &[u8])) -> bool {
-        self.0.receive(&mut show)
-    }
-}
-
-impl StateSource for GuardedStates {
-    fn receive(&mut self, show: Show<'_>) -> bool {
-        while let Ok(Some(sample)) = self.subscriber.receive() {
-            if self.guard.passes(sample.header().node_id(), sample.user_header()) {
-                show(sample.user_header(), sample.payload());
-                return true;
+        loop {
+            let mut shown = false;
+            let any = self.reader.show_next(&mut |node, bytes| {
+                let split = bytes.split_at_checked(size_of::<Header>());
+                let header = split.and_then(|(header, _)| sample(header));
+                if let (Some(header), Some((_, state))) = (self.guard.accepted(node, header), split)
+                {
+                    show(header, state);
+                    shown = true;
+                }
+            });
+            if shown || !any {
+                return shown;
             }
         }
-        false
     }
 }

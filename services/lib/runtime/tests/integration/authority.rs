@@ -1,5 +1,6 @@
 //! Which samples count: those of processes in the registry, and of the launcher where it alone writes.
 
+use iceoryx2::prelude::{Config, FilePath, NodeBuilder, SemanticString as _, ipc};
 use runtime::executor::StateSink as _;
 use runtime::ipc::{
     Bus, IpcSink, LatestPort, ServiceKind, StatePublisher, StateService, StateSubscriber,
@@ -104,6 +105,38 @@ fn only_registered_writers_are_read_and_strays_are_counted_with_their_process() 
     assert_eq!(received(), [2, 6], "neither a stranger nor a forged seat or generation");
     let expected = [3, 1].map(|samples| ("pose_fix".to_owned(), samples));
     assert_eq!(run.strays(), expected);
+}
+
+#[test]
+fn bytes_that_are_no_sample_are_ignored_even_of_a_process_in_the_registry() {
+    let mut run = Run::found("length");
+    let _topic = run.launcher.create_topic(&topics::POSE_FIX).unwrap();
+    let mut reader = run.launcher.reader(&topics::POSE_FIX, Role::Plant).unwrap();
+    // The transport's own ports: those of this crate send whole samples only.
+    let file = run.membership.ipc_config();
+    let file = FilePath::new(file.as_os_str().as_encoded_bytes()).unwrap();
+    let config = Config::from_file(&file).unwrap();
+    let node = NodeBuilder::new().config(&config).create::<ipc::Service>().unwrap();
+    let service = node.service_builder(&"pose_fix".try_into().unwrap());
+    let service = service.publish_subscribe::<[u8]>().open().unwrap();
+    let size = size_of::<PoseFix>();
+    let publisher = service.publisher_builder().initial_max_slice_len(size + 8).create().unwrap();
+    let id = node.id().value();
+    let mut registry = Run::registry_with(&run.plant);
+    #[expect(clippy::cast_possible_truncation, reason = "both halves are kept")]
+    let halves = [(id >> 64) as u64, id as u64];
+    registry.entries[0].node = halves;
+    run.registry.send(&registry);
+    let header = Header { sequence: 1, generation: GENERATION, ..Header::default() };
+    let mut bytes = bytemuck::bytes_of(&PoseFix { header, ..PoseFix::default() }).to_vec();
+    bytes.resize(size + 8, 0);
+    for length in [0, size - 1, size + 8, size] {
+        let slot = publisher.loan_slice_uninit(length).unwrap();
+        slot.write_from_slice(&bytes[..length]).send().unwrap();
+    }
+    let received = core::iter::from_fn(|| reader.receive()).map(|fix| fix.header.sequence);
+    assert_eq!(received.collect::<Vec<_>>(), [1], "only the whole one");
+    assert_eq!(run.strays(), [("pose_fix".to_owned(), 3)]);
 }
 
 #[test]

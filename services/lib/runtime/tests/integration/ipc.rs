@@ -48,7 +48,7 @@ fn join(name: &str) -> Joined {
 
 /// What another build believes: the same names, other fields.
 mod other_build {
-    use shared_types::{ZeroCopySend, sample};
+    use shared_types::sample;
 
     sample! {
         /// As large as the real one, with two fields exchanged.
