@@ -358,10 +358,10 @@ fn solver_controller_and_vehicle_mathematics_know_nothing_but_mathematics() {
 }
 
 #[test]
-fn only_shared_types_runtime_and_tests_know_the_transport() {
+fn only_the_runtime_and_tests_know_the_transport() {
     for (name, dependencies) in workspace() {
         let knows = dependencies.iter().any(|d| d.name == "iceoryx2" && d.shipped);
-        assert!(!knows || ["shared-types", "runtime"].contains(&name.as_str()), "{name}");
+        assert!(!knows || name == "runtime", "{name}");
     }
 }
 

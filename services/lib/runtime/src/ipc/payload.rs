@@ -9,18 +9,19 @@ use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
-use iceoryx2::prelude::{Alignment, AttributeSpecifier, AttributeVerifier};
+use iceoryx2::prelude::{AttributeSpecifier, AttributeVerifier};
 use iceoryx2::service::header::payload_header::PayloadHeader as _;
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::{Schema, Shared};
 
-/// Alignment of every sample in shared memory: that of its widest numbers.
-pub(super) const ALIGNMENT: usize = 8;
+/// How the transport aligns what follows its own header in shared memory. (It can be asked to, and then has so many bytes
+/// for each byte of a slice.)
+const ALIGNMENT: usize = 8;
 /// Samples of a service that a reader may hold at a time.
 const BORROWED: usize = 2;
 
-/// The sample whose bytes these are; none if they are not as many as it has.
+/// The sample whose bytes these are; none if they are not as many as it has, or do not lie as it has to.
 pub(super) fn sample<T: Shared>(bytes: &[u8]) -> Option<&T> {
     const { assert!(align_of::<T>() <= ALIGNMENT, "samples lie where this alignment suffices") };
     bytemuck::try_from_bytes(bytes).ok()
@@ -128,7 +129,6 @@ impl Bus {
             .node()
             .service_builder(&service_name(service)?)
             .publish_subscribe::<[u8]>()
-            .payload_alignment(alignment(service)?)
             .max_publishers(crowd.writers)
             .max_subscribers(crowd.readers)
             .max_nodes(super::MAX_NODES)
@@ -163,16 +163,8 @@ impl Bus {
             .node()
             .service_builder(&service_name(service)?)
             .publish_subscribe::<[u8]>()
-            .payload_alignment(alignment(service)?)
             .open_with_attributes(&same_layout)
             .map_err(PortError::transport(service, "open the service"))?;
         Ok(Box::new(opened))
     }
-}
-
-fn alignment(service: &str) -> Result<Alignment, PortError> {
-    Alignment::new(ALIGNMENT).ok_or_else(|| {
-        let reason = format!("{ALIGNMENT} is not a power of two");
-        PortError::Transport { service: service.to_owned(), action: "align samples", reason }
-    })
 }

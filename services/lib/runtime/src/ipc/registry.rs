@@ -38,7 +38,7 @@ pub(super) fn pid_of(id: UniqueNodeId) -> u32 {
 /// A process that wrote without sitting where it claimed to.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stray {
-    /// Its process id, as reported by the transport; 0 of several that are not told apart.
+    /// Its process id, as reported by the transport; 0 of several that count together.
     pub pid: u32,
     /// Service it wrote on.
     pub service: Rc<str>,

@@ -109,14 +109,6 @@ fn two_builds_that_disagree_about_a_type_refuse_each_other() {
     run.bus.open_service::<ClockRecord>(ServiceKind::Clock).unwrap();
 }
 
-#[test]
-fn a_service_is_made_only_of_a_type_that_has_ports() {
-    let run = join("types");
-    let refused = run.bus.create_service::<other_build::Hello>(ServiceKind::Hello, 4);
-    let text = refused.unwrap_err().to_string();
-    assert!(text.contains("hello") && text.contains("not the type of a topic"), "{text}");
-}
-
 /// Ports of dead processes count until they are freed; here those of another connection.
 #[test]
 fn a_port_waits_until_its_full_service_admits_it() {
