@@ -248,7 +248,7 @@ impl<T> Guard<T> {
         Self { authority, registry, service: Rc::from(service), accepts, last: Cell::new(None) }
     }
 
-    /// The sample, if its writer sits where it claims. What has not the size of a sample is none, whoever wrote it.
+    /// The sample, if its writer sits where it claims. What has not the size of a sample is none of any process.
     pub(super) fn accepted<'a>(&self, id: UniqueNodeId, sample: Option<&'a T>) -> Option<&'a T> {
         let accepted = sample.filter(|sample| self.passes(id, sample));
         if accepted.is_none() {
