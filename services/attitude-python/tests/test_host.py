@@ -21,7 +21,7 @@ from host.inputs import CAPACITY, Input, Sample  # noqa: E402
 from host.launcher import Launcher, process_start  # noqa: E402
 from host.arbiter import Command, CommandArbiter, Limiter, Record, SetPoints  # noqa: E402
 from host.ownership import FOREVER, SeatMarks, SlotBook  # noqa: E402
-from host.ports import Unfit  # noqa: E402
+from host.ports import Bus, Unfit  # noqa: E402
 from host.process import configured, leave_s, leave_s_of  # noqa: E402
 from host.vehicle import Vehicle  # noqa: E402
 
@@ -490,6 +490,117 @@ class SetPointRules(unittest.TestCase):
         self.assertAlmostEqual(taken[540][2], -0.1 + 0.4 * math.exp(-1.0), 2)
         for is_, wanted in zip(taken[4990], (0, 1.005, -0.1, 0.0, 1.5)):
             self.assertAlmostEqual(is_, wanted, 4)
+
+
+class Subscriber:
+    """What the transport delivers: the node that wrote each sample, and its bytes."""
+
+    def __init__(self, sent):
+        self._sent = list(sent)
+
+    # Of a service, its builder of subscribers, and the subscriber.
+
+    def subscriber_builder(self):
+        return self
+
+    def buffer_size(self, _depth):
+        return self
+
+    def create(self):
+        return self
+
+    def receive(self):
+        if not self._sent:
+            return None
+        node, packed = self._sent.pop(0)
+        memory = ctypes.create_string_buffer(packed, len(packed))
+        payload = types.SimpleNamespace(as_ptr=lambda: ctypes.addressof(memory), len=lambda: len(packed))
+        header = types.SimpleNamespace(node_id=types.SimpleNamespace(value=node))
+        return types.SimpleNamespace(header=header, payload=lambda: payload, delete=lambda: None)
+
+
+class GuardRules(unittest.TestCase):
+    """Only what a process in the registry writes for its own seat counts, and what the launcher writes."""
+
+    PLANT, STRANGER, LAUNCHER = (7 << 64) | 1, (8 << 64) | 2, (9 << 64) | 3
+
+    def setUp(self):
+        class Fix(ctypes.Structure):
+            LAYOUT = "0"
+            _fields_ = [("before", ctypes.c_uint8 * 72), ("seat", ctypes.c_uint32), ("generation", ctypes.c_uint32)]
+
+        class Progress(ctypes.Structure):
+            LAYOUT = "0"
+            _fields_ = [
+                ("mark_ns", ctypes.c_uint64),
+                ("quiet_until_ns", ctypes.c_uint64),
+                ("end_ns", ctypes.c_uint64),
+                ("served_mono_ns", ctypes.c_uint64),
+                ("generation", ctypes.c_uint32),
+                ("reserved", ctypes.c_uint32),
+            ]
+
+        self.fix, self.progress = Fix, Progress
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        bus = Bus.__new__(Bus)
+        bus.samples = types.SimpleNamespace(
+            TOPICS={"pose_fix": types.SimpleNamespace(type=Fix), "trip": types.SimpleNamespace(type=Fix)},
+            Header=Fix,
+            Progress=Progress,
+        )
+        bus.label = lambda role, seat: f"{role}-{seat}"
+        bus._leader_file = pathlib.Path(folder.name, "launcher.node")
+        bus._leader_file.write_text(f"{self.LAUNCHER:032x}\n")
+        bus._leads = {}
+        bus._registry = {self.PLANT: ("plant", 0, 2, True, MS)}
+        bus._registry_reader = types.SimpleNamespace(values=list)
+        bus._service = lambda _name, _type: Subscriber(self.sent)
+        self.bus = bus
+
+    def of(self, node, seat=0, generation=2, more=0):
+        return node, bytes(self.fix(seat=seat, generation=generation)) + bytes(more)
+
+    def test_a_sample_counts_from_the_seat_and_generation_that_its_writer_has(self):
+        self.sent = [
+            self.of(self.PLANT),
+            self.of(self.STRANGER),
+            self.of(self.PLANT, seat=1),
+            self.of(self.PLANT, generation=3),
+            self.of(self.LAUNCHER),
+        ]
+        expected = [self.of(self.PLANT)[1]]
+        self.assertEqual([packed for _, packed in self.bus.topic("pose_fix", "plant").receive()], expected)
+        self.sent = [self.of(self.PLANT)]
+        self.assertEqual(self.bus.topic("pose_fix", "estimator").receive(), [], "of another role")
+
+    def test_bytes_that_are_no_sample_are_none_of_any_process(self):
+        self.sent = [(self.PLANT, b""), (self.PLANT, self.of(self.PLANT)[1][:-1]), self.of(self.PLANT, more=8)]
+        self.assertEqual(self.bus.topic("pose_fix", "plant").receive(), [])
+
+    def test_what_the_launcher_alone_writes_counts_from_those_that_have_led(self):
+        self.sent = [self.of(self.PLANT), self.of(self.STRANGER), self.of(self.LAUNCHER, seat=1)]
+        reader = self.bus.topic("trip", "supervisor")
+        self.assertEqual([value.seat for value in reader.values()], [1])
+        next_launcher = (10 << 64) | 4
+        self.bus._leader_file.write_text(f"{next_launcher:032x}\n")
+        self.sent = [self.of(next_launcher, seat=2), self.of(self.LAUNCHER, seat=3), self.of(self.STRANGER)]
+        reader = self.bus.topic("trip", "supervisor")
+        self.assertEqual([value.seat for value in reader.values()], [2, 3], "the one before may still be read")
+
+    def test_a_hand_over_is_the_launchers_and_has_bytes_behind_its_header(self):
+        self.sent = [self.of(self.STRANGER, more=3), self.of(self.LAUNCHER, more=3)]
+        received = self.bus.handovers("attitude").receive()
+        self.assertEqual([packed for _, packed in received], [self.of(self.LAUNCHER, more=3)[1]])
+
+    def test_a_mark_counts_from_its_own_seat_alone(self):
+        def mark(node, mark_ns, generation=2):
+            return node, bytes(self.progress(mark_ns=mark_ns, served_mono_ns=5, generation=generation))
+
+        self.sent = [mark(self.STRANGER, 1), mark(self.PLANT, 2, generation=3), mark(self.PLANT, 4)]
+        self.assertEqual(list(self.bus.marks("plant", 0)()), [(4, 5, 2)])
+        self.sent = [mark(self.PLANT, 4)]
+        self.assertEqual(list(self.bus.marks("plant", 1)()), [], "of another seat")
 
 
 class VehicleRules(unittest.TestCase):
