@@ -115,6 +115,21 @@ fn an_imu_that_is_slower_than_the_attitude_loop_is_refused() {
 }
 
 #[test]
+fn estimates_that_come_too_rarely_for_a_loop_are_refused() {
+    let fast = "position_mpc.rate_hz=200";
+    for (sets, named) in [
+        (["estimator.rate_hz=49", fast], ["estimator.rate_hz", "attitude loop", "50 or more"]),
+        (["estimator.rate_hz=60", fast], ["estimator.rate_hz", "position loop", "100 or more"]),
+        (["plant.imu.rate_hz=50", fast], ["plant.imu.rate_hz", "position loop", "100 or more"]),
+    ] {
+        let arguments = ["figure8-morph", "--set", sets[0], "--set", sets[1]];
+        assert_refused(&arguments, &named);
+    }
+    let set = "plant.morph_encoder.rate_hz=1";
+    assert_refused(&["hover", "--set", set], &["plant.morph_encoder.rate_hz", "at least 2"]);
+}
+
+#[test]
 fn a_device_and_a_text_without_an_end_are_refused_and_a_pipe_is_read() {
     assert_refused(&["/dev/zero"], &["/dev/zero", "device", "hover"]);
     let folder = TempDir::new().expect("a folder");

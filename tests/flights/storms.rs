@@ -16,14 +16,16 @@ use crate::common::{fly, morphquad};
 use plan::{Act, Kind, LAUNCHER, storm};
 use rustix::process::Signal;
 use serde_json::Value;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
 use std::thread;
 
 /// Duration of a flight: the storm ends at 4.5 s, and then everything may settle.
 const FLIGHT_S: &str = "6s";
-/// Exit codes of a flight that was flown to its end, well or not.
-const FLOWN: [Option<i32>; 3] = [Some(0), Some(1), Some(5)];
+/// Exit codes of a flight that was flown to its end, well or with swaps that were refused; and by the wall clock not well,
+/// which the machine may be the cause of.
+const WELL: &[Option<i32>] = &[Some(0), Some(5)];
+const FLOWN: &[Option<i32>] = &[Some(0), Some(1), Some(5)];
 
 fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
@@ -61,14 +63,20 @@ fn fly_storms(
 }
 
 /// What is wrong with a flight by its exit code, its summary and its recording; a finding shows `output_text`.
-fn judged(code: Option<i32>, summary: &Value, output_text: &str) -> Vec<String> {
+fn judged(
+    may_be: &[Option<i32>],
+    code: Option<i32>,
+    summary: &Value,
+    output_text: &str,
+) -> Vec<String> {
     let mut findings = Vec::new();
     let verdict = summary["verdict"]["verdict"].as_str().unwrap_or("none");
-    if !FLOWN.contains(&code) || ["LOST", "CRASHED", "none"].contains(&verdict) {
+    if !may_be.contains(&code) || ["LOST", "CRASHED", "none"].contains(&verdict) {
         findings.push(format!("{verdict}, code {code:?}: {output_text}"));
     }
     let recording = summary["recording"].as_str().map(Path::new);
     findings.extend(recording.map(recorded).unwrap_or_default());
+    findings.extend(recording.map(recorded_before).unwrap_or_default());
     for key in ["wrong_owner_ticks", "duplicated_ticks", "dropped_samples"] {
         let count = summary[key].as_f64();
         if count != Some(0.0) {
@@ -104,6 +112,34 @@ fn recorded(path: &Path) -> Vec<String> {
     findings
 }
 
+/// What is wrong with the recordings of the launchers before the last one, which were killed.
+fn recorded_before(last: &Path) -> Vec<String> {
+    let folder = last.parent().expect("a folder");
+    let entries = std::fs::read_dir(folder).expect("there until now").flatten();
+    let paths = entries.map(|entry| entry.path());
+    let cut: Vec<_> = paths
+        .filter(|path| path != last && path.extension().is_some_and(|kind| kind == "mcap"))
+        .collect();
+    let of_each = |path: &PathBuf| {
+        let name = path.file_name().expect("a name").to_string_lossy().into_owned();
+        let whole = path.with_extension("whole");
+        let mut recover = morphquad(["recover"]);
+        recover.arg(path).arg("--out").arg(&whole);
+        let output = recover.output().expect("the executable starts");
+        if output.status.code() != Some(0) {
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            return vec![format!("{name} cannot be recovered: {stderr}")];
+        }
+        let findings = audit::findings(&Recording::read(&whole));
+        if !findings.is_empty() {
+            let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(&name);
+            std::fs::copy(path, &kept).expect("room");
+        }
+        findings.into_iter().map(|finding| format!("{name}: {finding}")).collect()
+    };
+    cut.iter().flat_map(of_each).collect()
+}
+
 #[test]
 fn a_scripted_storm_is_one_flight_and_loses_nothing() {
     fly_storms(Kind::Scripted, seeds(10).filter(|seed| !is_rehearsed(*seed)), fly_script);
@@ -130,7 +166,7 @@ fn fly_script(seed: u64, acts: &[(f64, Act)]) -> Vec<String> {
     } else {
         fly(&[&arguments[..], &unrehearsed].concat())
     };
-    let mut findings = judged(first.code, first.summary(), &first.output_text());
+    let mut findings = judged(WELL, first.code, first.summary(), &first.output_text());
     arguments.extend(["--speed", "8", "--no-record"]);
     if !is_refused_by_a_rehearsal(first.summary()) {
         arguments.extend(unrehearsed);
@@ -161,7 +197,7 @@ fn a_storm_of_orders_in_realtime_loses_nothing_that_the_recording_does_not_expla
     fly_storms(Kind::Realtime, seeds(1), |_seed, acts| fly_orders(&scenario, acts));
 }
 
-/// Flies, with orders and signals at their instants by the wall clock, and judges the last recording of the flight.
+/// Flies, with orders and signals at their instants by the wall clock, and judges the recordings of the flight.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "short times")]
 fn fly_orders(scenario: &[&str], acts: &[(f64, Act)]) -> Vec<String> {
     let mut running = Running::start_and_fly(&[scenario, &["--for", FLIGHT_S]].concat());
@@ -195,8 +231,8 @@ fn fly_orders(scenario: &[&str], acts: &[(f64, Act)]) -> Vec<String> {
     });
     let flown = running.wait();
     let findings = match launchers.end_of_last() {
-        Some((code, summary, stderr)) => judged(code, &summary, &stderr),
-        None => judged(flown.code, flown.summary(), &flown.output_text()),
+        Some((code, summary, stderr)) => judged(FLOWN, code, &summary, &stderr),
+        None => judged(FLOWN, flown.code, flown.summary(), &flown.output_text()),
     };
     wait_until("all processes leave", || processes_of(&run).is_empty());
     wait_until("nothing is left", || left_in_shared_memory(&run).is_empty());

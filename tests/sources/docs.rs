@@ -1,6 +1,7 @@
 //! The documents name what the code has, no more and no less.
 
 use observe::{FACTS, Fact};
+use scenario::needs::{self, MemoryNeed};
 use scenario::services;
 use scenario::{Override, Scenario, shipped};
 use shared_types::{Edge, Role, TopicInfo, topics};
@@ -13,6 +14,20 @@ const ARCHITECTURE: &str = include_str!("../../ARCHITECTURE.md");
 const README: &str = include_str!("../../README.md");
 const TOPICS: &str = include_str!("../../launcher/docs/topics.md");
 const VERDICT: &str = include_str!("../../launcher/docs/verdict.md");
+
+#[test]
+fn the_readme_names_what_a_flight_needs_of_the_machine() {
+    let (lockstep, locked) = (MemoryNeed::LOCKSTEP, MemoryNeed::LOCKED);
+    let text = README.split_whitespace().collect::<Vec<_>>().join(" ");
+    for said in [
+        format!("({} MB free, and {} for one in real time", lockstep.shared_mb, locked.shared_mb),
+        format!("{} to {} MB of memory beside it", lockstep.own_mb, locked.own_mb),
+        format!("{} file descriptors", needs::DESCRIPTORS),
+        format!("{} processes and threads", needs::TASKS),
+    ] {
+        assert!(text.contains(&said), "{said}");
+    }
+}
 
 /// First cells of the rows of the first table behind a heading, without quotes.
 fn first_cells(document: &'static str, heading: &str) -> Vec<&'static str> {

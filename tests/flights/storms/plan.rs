@@ -18,7 +18,7 @@ const STOPPED_S: f64 = 0.5;
 /// What flies alone in its role and is started again when it dies.
 const ALONE: [&str; 4] = ["estimator", "disturbance-injector", "monitor", "pilot"];
 /// The processes that may be stopped, which include the launcher; its end is an [`Act::Adopt`].
-const STOPPED: [&str; 5] = [ALONE[0], ALONE[1], ALONE[2], ALONE[3], LAUNCHER];
+const STOPPED: [&str; 6] = [ALONE[0], ALONE[1], ALONE[2], ALONE[3], "plant", LAUNCHER];
 /// The name of the launcher in an act.
 pub(super) const LAUNCHER: &str = "launcher";
 

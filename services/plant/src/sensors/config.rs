@@ -171,8 +171,8 @@ pub struct DropOut {
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct MorphEncoderConfig {
-    /// Readings per second.
-    #[garde(range(min = 1, max = MAX_SENSOR_RATE_HZ))]
+    /// Readings per second. With a single one the vehicle strays by half a metre while its arms fold.
+    #[garde(range(min = 2, max = MAX_SENSOR_RATE_HZ))]
     pub rate_hz: u32,
     /// Noise of β, 1 σ.
     #[garde(range(min = 0.0, max = 90.0), custom(finite))]
