@@ -117,9 +117,12 @@ fn recorded_before(last: &Path) -> Vec<String> {
     let folder = last.parent().expect("a folder");
     let entries = std::fs::read_dir(folder).expect("there until now").flatten();
     let paths = entries.map(|entry| entry.path());
-    let cut: Vec<_> = paths
-        .filter(|path| path != last && path.extension().is_some_and(|kind| kind == "mcap"))
-        .collect();
+    // A launcher may be killed before it has recorded anything.
+    let is_cut = |path: &PathBuf| {
+        let is_recording = path.extension().is_some_and(|kind| kind == "mcap");
+        path != last && is_recording && Recording::read(path).has_begun("truth")
+    };
+    let cut: Vec<_> = paths.filter(is_cut).collect();
     let of_each = |path: &PathBuf| {
         let name = path.file_name().expect("a name").to_string_lossy().into_owned();
         let whole = path.with_extension("whole");

@@ -15,7 +15,7 @@ const AFTER_NS: u64 = 1_000_000_000;
 pub(super) enum Leftovers {
     /// Not yet.
     Later(Sweeper),
-    /// Before the flight is led: nothing that is dead by then has sent anything to it.
+    /// From before the flight is led: as a rule nothing that is dead by then has sent anything to it.
     Before(JoinHandle<()>),
     /// While it is led: of what has died meanwhile all that it has sent is received first.
     Meanwhile(Sweep),

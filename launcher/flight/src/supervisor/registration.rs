@@ -1,6 +1,6 @@
 //! Which processes are entered in the registry, and which leave it.
 
-use super::Supervisor;
+use super::{HELLOS, Supervisor};
 use crate::tap::Tap;
 use runtime::clock::mono_now_ns;
 use shared_types::{Hello, NodeId, Seat};
@@ -27,7 +27,10 @@ impl Supervisor {
     /// Enters the processes that have become ready in the registry.
     pub(super) fn take_hellos(&mut self, tap: &mut Tap) -> Vec<Joined> {
         let mut joined = Vec::new();
-        while let Some((hello, node, pid)) = self.hello.receive_from() {
+        // No more than are kept: a client that writes without a pause does not keep the launcher.
+        for _ in 0..HELLOS {
+            let Some((hello, node, pid)) = self.hello.receive_from() else { break };
+            let Some(hello) = hello else { continue };
             let seat = Seat { role: hello.role, index: hello.seat };
             let of_seat =
                 |post: &&mut Post| post.seat == seat && post.generation == hello.generation;

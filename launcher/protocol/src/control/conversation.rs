@@ -93,7 +93,8 @@ impl Conversation {
     /// For how long it has kept its place without asking for anything \[ns\]; none if an answer is on its way.
     pub(super) fn idle_ns(&self, now_ns: u64) -> Option<u64> {
         let heard_ns = self.deadline_ns.saturating_sub(self.limits.patience_ns);
-        (self.state == State::Listening).then(|| now_ns.saturating_sub(heard_ns))
+        let is_idle = self.state == State::Listening && self.outbox.is_empty();
+        is_idle.then(|| now_ns.saturating_sub(heard_ns))
     }
 
     /// What to wait for.

@@ -249,8 +249,11 @@ impl Acceptor {
             let idle_ns = conversation.idle_ns(now_ns)?;
             (idle_ns >= self.limits.idle_ns).then_some((idle_ns, *client))
         };
-        if let Some((_, client)) = self.clients.iter().filter_map(idle).max() {
-            self.clients.remove(&client);
+        let longest = self.clients.iter().filter_map(idle).max();
+        let silent = longest.and_then(|(_, client)| self.clients.remove(&client));
+        if let Some(mut conversation) = silent {
+            let text = "others are waiting for a place, and nothing was asked for";
+            conversation.refuse(Reason::TooMany, text, now_ns);
         }
     }
 }

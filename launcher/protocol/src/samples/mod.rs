@@ -7,8 +7,7 @@ pub use python::python;
 
 use shared_types::wire::{Schema, Wire as _};
 use shared_types::{
-    ClockRecord, Handover, Hello, Progress, Registry, Sample, Topic, TopicInfo, TopicVisitor,
-    topics,
+    ClockRecord, Header, Hello, Progress, Registry, Sample, Topic, TopicInfo, TopicVisitor, topics,
 };
 
 /// Every topic with the layout of its samples, in table order.
@@ -26,21 +25,21 @@ fn topic_schemas() -> Vec<(&'static TopicInfo, &'static Schema)> {
     collect.0
 }
 
-/// Services beside the topics, by the first part of their names. A hand-over is the packed form of
-/// its type, which without padding is the form in memory, and a state after it.
+/// Services beside the topics, by the first part of their names. What follows the header of a hand-over is a
+/// [`shared_types::Handover`] and a state.
 fn services() -> [(&'static str, &'static Schema); 5] {
     [
         ("clock", const { &ClockRecord::SCHEMA }),
         ("registry", const { &Registry::SCHEMA }),
         ("hello", const { &Hello::SCHEMA }),
         ("progress", const { &Progress::SCHEMA }),
-        ("handover", const { &Handover::SCHEMA }),
+        ("handover", const { &Header::SCHEMA }),
     ]
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use shared_types::Handover;
     use shared_types::wire::Value as _;
 
     #[test]

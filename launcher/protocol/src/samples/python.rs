@@ -2,13 +2,13 @@
 
 use super::{services, topic_schemas};
 use shared_types::wire::{EnumSchema, Field, Kind, Schema, Wire as _};
-use shared_types::{Edge, Header, NO_SEAT, REGISTRY_LINES, Role, SEATS, TopicInfo};
+use shared_types::{Edge, Handover, NO_SEAT, REGISTRY_LINES, Role, SEATS, TopicInfo};
 use std::fmt::Write as _;
 
 const HEAD: &str = r#""""Samples of morphquad as ctypes structures.
 
 Written by `morphquad types --python`; do not edit. A service carries the bytes of a structure; its attribute
-`layout` says LAYOUT.
+`layout` says LAYOUT. After the Header of a hand-over come a Handover and a state.
 """
 
 import ctypes
@@ -38,8 +38,8 @@ pub fn python() -> String {
     let topics = topic_schemas();
     let mut module = Module { text: HEAD.to_owned(), declared: Vec::new() };
     module.constants();
-    // States and hand-overs begin with it.
-    module.structure(const { &Header::SCHEMA });
+    // Of no service: behind the header of a hand-over.
+    module.structure(const { &Handover::SCHEMA });
     for schema in topics.iter().map(|(_, s)| *s).chain(services().map(|(_, s)| s)) {
         module.structure(schema);
     }

@@ -148,6 +148,7 @@ impl OutsideLoop {
     /// Takes in the hello of the process that was started, and of no other.
     fn take_hello(&mut self) -> bool {
         while let Some((hello, node, pid)) = self.hello.receive_from() {
+            let Some(hello) = hello else { continue };
             let sender = (Seat { role: hello.role, index: hello.seat }, hello.generation);
             let seat = self.post.seat;
             if sender == (seat, self.post.generation) && self.post.is_controller(pid) {

@@ -68,13 +68,12 @@ impl<T: Shared> IpcSource<T> {
         Ok(Self { reader: factory.service.reader(Some(capacity))?, guard: None })
     }
 
-    /// The next sample with its writer's process: identity and process id.
-    pub fn receive_from(&mut self) -> Option<(T, NodeId, u32)> {
+    /// What has come next, none if it is no sample, with its writer's process: identity and process id.
+    pub fn receive_from(&mut self) -> Option<(Option<T>, NodeId, u32)> {
         let mut received = None;
-        let mut show = |node: UniqueNodeId, bytes: &[u8]| {
-            received = sample(bytes).map(|sample| (*sample, node_id(node), pid_of(node)));
-        };
-        self.reader.show_next(&mut show).then_some(())?;
+        self.reader.show_next(&mut |node, bytes| {
+            received = Some((sample(bytes).copied(), node_id(node), pid_of(node)));
+        });
         received
     }
 

@@ -35,7 +35,7 @@ pub(super) fn pid_of(id: UniqueNodeId) -> u32 {
     id.pid::<Ipc>().map_or(0, |pid| pid.value().cast_unsigned())
 }
 
-/// A process that wrote without sitting where it claimed to.
+/// A process that wrote without sitting where it claimed to, or what is no sample.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stray {
     /// Its process id, as reported by the transport; 0 of several that count together.
