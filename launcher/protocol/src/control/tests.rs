@@ -258,9 +258,10 @@ fn a_silent_client_makes_room_for_one_that_asks() {
     let mut busy = connect(folder.path());
     send(&mut busy, b"{\"request\":\"ps\"}\n");
     let to_busy = asked(&server).answer;
-    let silent = connect(folder.path());
+    let mut silent = connect(folder.path());
     assert_serves(folder.path(), &server);
     wait_until_hung_up(&silent);
+    assert_eq!(last_refusal(&mut silent).reason, Reason::TooMany);
     to_busy.send(status("hover"));
     assert!(matches!(receive(&mut busy), Some(Reply::Status(_))));
 }

@@ -40,3 +40,15 @@ pub(crate) fn groups_of(root: &Path, controller: &str) -> Vec<Group> {
 pub(crate) fn number_in(file: &Path) -> Option<u64> {
     fs::read_to_string(file).ok()?.trim().parse().ok()
 }
+
+/// A folder in which the kernel's files have these texts.
+#[cfg(test)]
+pub(crate) fn root_with(files: &[(&str, &str)]) -> tempfile::TempDir {
+    let root = tempfile::tempdir().unwrap();
+    for (path, text) in files {
+        let path = root.path().join(path);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, text).unwrap();
+    }
+    root
+}

@@ -69,17 +69,13 @@ fn left_to(Group { folder, is_unified }: &Group) -> Option<Available> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control_group::root_with;
 
     const MB: u64 = 1 << 20;
 
     /// What is left where the kernel's files have these texts.
     fn available(files: &[(&str, &str)]) -> Option<(u64, String)> {
-        let root = tempfile::tempdir().unwrap();
-        for (path, text) in files {
-            let path = root.path().join(path);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
-        }
+        let root = root_with(files);
         let found = Available::below(root.path())?;
         let by = found.by.strip_prefix(root.path()).unwrap();
         Some((found.mb, by.display().to_string()))

@@ -41,14 +41,10 @@ fn limit_of(Group { folder, is_unified }: &Group) -> Option<Quota> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control_group::root_with;
 
     fn quota(files: &[(&str, &str)]) -> Option<(f64, String)> {
-        let root = tempfile::tempdir().unwrap();
-        for (path, text) in files {
-            let path = root.path().join(path);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
-        }
+        let root = root_with(files);
         let Quota { processors, by } = Quota::below(root.path())?;
         Some((processors, by.strip_prefix(root.path()).unwrap().display().to_string()))
     }

@@ -80,11 +80,11 @@ impl fmt::Display for Tasks {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control_group::root_with;
 
     #[test]
     fn the_group_that_leaves_least_counts_whichever_version_it_is_of() {
-        let root = tempfile::tempdir().unwrap();
-        for (path, text) in [
+        let root = root_with(&[
             ("proc/self/cgroup", "5:pids:/a\n4:memory:/a\n0::/b/c\n"),
             ("sys/fs/cgroup/pids/a/pids.max", "max\n"),
             ("sys/fs/cgroup/pids/a/pids.current", "7\n"),
@@ -92,11 +92,7 @@ mod tests {
             ("sys/fs/cgroup/pids/pids.current", "7\n"),
             ("sys/fs/cgroup/b/pids.max", "100\n"),
             ("sys/fs/cgroup/b/pids.current", "90\n"),
-        ] {
-            let path = root.path().join(path);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
-        }
+        ]);
         let found: Vec<_> = Tasks::of_groups(root.path()).collect();
         assert_eq!(found.iter().map(Tasks::left).collect::<Vec<_>>(), [293, 10]);
         let by = found[1].by.as_deref().and_then(|by| by.strip_prefix(root.path()).ok());

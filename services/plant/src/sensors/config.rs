@@ -171,7 +171,7 @@ pub struct DropOut {
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct MorphEncoderConfig {
-    /// Readings per second. With a single one the vehicle strays by half a metre while its arms fold.
+    /// Readings per second. With a single one the plant allocates a second behind its folding arms.
     #[garde(range(min = 2, max = MAX_SENSOR_RATE_HZ))]
     pub rate_hz: u32,
     /// Noise of β, 1 σ.

@@ -196,7 +196,7 @@ impl Bus {
     }
 
     /// Opens a service for writing samples of up to so many bytes, as soon as it admits a writer.
-    fn writer_of(
+    fn writer_on(
         &self,
         service: &str,
         schema: &Schema,

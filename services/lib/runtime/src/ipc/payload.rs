@@ -2,7 +2,7 @@
 //!
 //! They are much generic code, which would be compiled again for each type of sample, and in each crate that opens a
 //! topic. So every service carries bytes, whose layout an attribute of the service names, and nothing outside of this file
-//! names the transport's ports: [`Service`], [`Reader`] and [`Writer`] are objects.
+//! names ports that carry samples: [`Service`], [`Reader`] and [`Writer`] are objects.
 
 use super::{Bus, Crowd, Ipc, PortError, layout_attribute, service_name};
 use iceoryx2::identifiers::UniqueNodeId;

@@ -228,7 +228,7 @@ impl Bus {
     /// # Errors
     /// [`PortError`].
     pub fn open_writer<T: Shared>(&self, kind: ServiceKind) -> Result<IpcSink<T>, PortError> {
-        self.writer_of(&kind.name(), &T::SCHEMA, size_of::<T>()).map(IpcSink::over)
+        self.writer_on(&kind.name(), &T::SCHEMA, size_of::<T>()).map(IpcSink::over)
     }
 
     /// Opens a topic for writing.
@@ -236,7 +236,7 @@ impl Bus {
     /// # Errors
     /// [`PortError`].
     pub fn writer<T: Sample>(&self, topic: &'static Topic<T>) -> Result<IpcSink<T>, PortError> {
-        self.writer_of(topic.info.name, &T::SCHEMA, size_of::<T>()).map(IpcSink::over)
+        self.writer_on(topic.info.name, &T::SCHEMA, size_of::<T>()).map(IpcSink::over)
     }
 
     /// Opens a topic for reading: what the processes of role `from` publish on it, and no others.

@@ -59,7 +59,7 @@ impl StatePublisher {
     /// [`PortError`].
     pub fn open(bus: &Bus, kind: ServiceKind, capacity: usize) -> Result<Self, PortError> {
         let size = size_of::<Header>() + capacity;
-        let writer = bus.writer_of(&kind.name(), &Header::SCHEMA, size)?;
+        let writer = bus.writer_on(&kind.name(), &Header::SCHEMA, size)?;
         Ok(Self { writer, sample: Vec::with_capacity(size) })
     }
 }
