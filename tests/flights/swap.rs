@@ -6,6 +6,7 @@
 //! `MORPHQUAD_REHEARSE=1` every candidate is flown ahead, a null swap's too.
 
 use crate::common::misdeeds::{config, rogue};
+use crate::common::processes::make_executable;
 use crate::common::{Flown, SWAP_FAILED, controllers, fly};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -288,5 +289,54 @@ fn an_untrusted_owner_that_fails_after_its_window_falls_back_to_the_last_proven_
         assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.output_text());
         assert!(flown.number("unguided_ticks") <= 20.0, "{}", flown.output_text());
         assert!(flown.number("position_max_m") <= 0.1, "{}", flown.output_text());
+    }
+}
+
+/// Nothing but the death of the owner has made it one, and no window or order names it.
+#[test]
+fn a_standby_that_a_user_brings_is_watched_once_it_commands_and_has_a_fallback() {
+    let folder = TempDir::new().expect("a folder");
+    let turns = config(&folder, "gain", 8.0, -1.0);
+    let standby = folder.path().join("brought");
+    let content = format!("#!/bin/sh\nexec '{}' \"$@\" --config '{turns}'\n", rogue());
+    make_executable(&standby, content.as_bytes());
+    let standby = format!("attitude={}", standby.display());
+    let faults = ["--fault", "kill:attitude-mpc@4s"];
+    let flown = fly(&[&["hover", "--for", "10s", "--standby", &standby][..], &faults].concat());
+    let output_text = flown.output_text();
+    let owners = flown.recording().series("attitude_owner", &["owner", "fallback", "watched"]);
+    let at = |t_s: f64| owners.iter().rev().find(|row| row.t_s <= t_s).expect("a record");
+    assert_eq!(at(7.9).values, [1.0, 0.0, 1.0], "{output_text}");
+    let tripped = flown.recording().series("trip", &["instance"]);
+    assert_eq!(tripped[0].values, [1.0], "{output_text}");
+    assert_eq!(at(9.9).values[..1], [0.0], "{output_text}");
+    assert!(flown.number("position_max_m") < 0.5, "{output_text}");
+}
+
+/// A trip is told before the successor is confirmed, which a flight may not live to see.
+#[test]
+fn a_swap_whose_owner_trips_just_before_the_end_is_taken_back() {
+    let folder = TempDir::new().expect("a folder");
+    let turns = config(&folder, "gain", 3.0, -1.0);
+    for rollback in ["100ms", "3s"] {
+        let how = format!("shadow=400ms,rollback={rollback},no-rehearsal,config={turns}");
+        let swap = format!("attitude={}@1s,{how}", rogue());
+        let fly_for = |duration: &str| {
+            fly(&["figure8-morph", "--in-process", "--for", duration, "--swap", &swap])
+        };
+        let flown = fly_for("4s");
+        let tripped = flown.recording().series("trip", &["header.valid_ns"]);
+        let tripped_ms = tripped[0].values[0] / 1e6;
+        let mut unconfirmed = 0;
+        for ends_ms in [1.0, 2.0, 4.0, 8.0, 16.0, 32.0].map(|after_ms| tripped_ms + after_ms) {
+            let flown = fly_for(&format!("{ends_ms}ms"));
+            let has_tripped = !flown.recording().series("trip", &["epoch"]).is_empty();
+            assert!(has_tripped, "{}", flown.output_text());
+            let report = &reports(&flown)[0];
+            assert_eq!(report["ended"], "taken-back", "{ends_ms} ms: {report}");
+            unconfirmed += usize::from(report["outcome"].to_string().contains("the flight ended"));
+            assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.output_text());
+        }
+        assert!(unconfirmed > 0, "each trip was confirmed before the end");
     }
 }

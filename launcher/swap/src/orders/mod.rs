@@ -56,6 +56,12 @@ impl Executable {
     pub fn is_built_in(&self) -> bool {
         matches!(self.candidate, Candidate::Service(_))
     }
+
+    /// Compiled in, with the settings of the flight: a user's gains make another controller of it.
+    #[must_use]
+    pub fn is_trusted(&self) -> bool {
+        self.is_built_in() && self.config.is_none()
+    }
 }
 
 /// A request that makes sense.
@@ -125,13 +131,14 @@ impl Orders {
             self.programs.push(executable);
             self.programs.len() - 1
         });
-        Program(u32::try_from(index).unwrap_or(u32::MAX))
+        let is_trusted = self.programs.get(index).is_some_and(Executable::is_trusted);
+        Program { number: u32::try_from(index).unwrap_or(u32::MAX), is_trusted }
     }
 
     /// What a number stands for.
     #[must_use]
     pub fn executable(&self, program: Program) -> Option<&Executable> {
-        self.programs.get(usize::try_from(program.0).ok()?)
+        self.programs.get(usize::try_from(program.number).ok()?)
     }
 
     /// Remembers what flies, or flew last, on a seat.
@@ -199,13 +206,10 @@ impl Orders {
                     Target::New(program) => Some(program),
                     Target::Seated(seat) => self.seats.get(&(slot, seat)).copied(),
                 };
-                let built_in = program.and_then(|program| self.executable(program));
-                let trusted = !force && built_in.is_some_and(Executable::is_built_in);
                 let must = || self.must_rehearse(slot, program, machines);
                 let rehearse = order.rehearse.unwrap_or_else(must);
                 skips_rehearsal = !rehearse && must();
-                let how =
-                    slot::SwapTerms { shadow_ns, rollback_ns, force, rehearse, trusted, dry_run };
+                let how = slot::SwapTerms { shadow_ns, rollback_ns, force, rehearse, dry_run };
                 (slot, slot::Request::Swap(target, how), order.max_bump)
             }
             Request::Rollback { slot } => {

@@ -209,6 +209,25 @@ fn stderr_of_a_dead_candidate_is_whole_for_its_client_and_brief_otherwise() {
 }
 
 #[test]
+fn only_a_built_in_controller_with_the_settings_of_the_flight_is_trusted() {
+    let mut flight = Flight::new();
+    let here = std::env::current_exe().unwrap().display().to_string();
+    let own = |to: &str| SwapRequest { config: Some(here.clone().into()), ..swap(to) };
+    for (request, expected) in [
+        (swap("attitude-mpc"), true),
+        (swap("attitude-pid"), true),
+        (own("attitude-pid"), false),
+        (swap(&here), false),
+    ] {
+        let Flight { orders, machines, .. } = &mut flight;
+        let to = request.to.clone();
+        let ordered = orders.understand(&Request::Swap(request), machines).unwrap().unwrap();
+        let slot::Request::Swap(Target::New(program), _) = ordered.request else { panic!("{to}") };
+        assert_eq!(program.is_trusted, expected, "{to}");
+    }
+}
+
+#[test]
 fn what_makes_no_sense_is_refused_with_2_and_what_comes_too_early_with_3() {
     let mut flight = Flight::new();
     let to = |to: &str| Request::Swap(swap(to));

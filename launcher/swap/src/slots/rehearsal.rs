@@ -98,10 +98,10 @@ impl Slots {
             self.orders.seated_on(slot, owner)
         };
         let built_in = |slot: Slot| {
-            let executable = owner_of(slot).filter(|e| e.is_built_in() && e.config.is_none())?;
+            let executable = owner_of(slot).filter(|executable| executable.is_trusted())?;
             Some(executable.candidate.name().to_owned())
         };
-        let owner = owner_of(slot).filter(|e| !e.is_built_in() || e.config.is_some());
+        let owner = owner_of(slot).filter(|executable| !executable.is_trusted());
         Some(RehearsalSpec {
             scenario: self.rehearsing.scenario.clone(),
             snapshot,

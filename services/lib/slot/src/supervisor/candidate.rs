@@ -29,6 +29,9 @@ impl SlotMachine {
                 // What another build or program has left is of no use to it.
                 let before = self.ledger.in_force.filter(|(in_force, _)| *in_force == seat);
                 let alike = before.is_none_or(|(_, before)| before.layout == instance.layout);
+                if !self.is_trusted(seat) {
+                    self.keep_fallback(None, self.config.standby_shadow_ns, out);
+                }
                 self.settle(now.logical_ns);
                 self.publish(now, seat, None, out);
                 if !first {
@@ -211,7 +214,8 @@ impl SlotMachine {
     fn flip(&mut self, now: Now, old: Seat, new: Seat, order: SwapTerms, out: &mut Vec<Action>) {
         self.forget_standby(new);
         let epoch = self.ledger.epoch() + 1;
-        if !order.trusted && !self.config.keeps_fallback && self.standby.is_none() {
+        let is_trusted = !order.force && self.is_trusted(new);
+        if !is_trusted && !self.config.keeps_fallback && self.standby.is_none() {
             step(out, Step::WithoutFallback(new));
         }
         let least_ns = order.rollback_ns.max(self.instances.period_ns(new)).max(1);
@@ -233,11 +237,15 @@ impl SlotMachine {
     ) {
         out.push(Action::Report(Report::Done(new, Outcome::Swapped)));
         let Phase::Window { until_ns, order, .. } = self.phase else { return };
-        let stays = may_stay && !order.trusted && self.keep_as_fallback(old, order.shadow_ns);
-        self.untrusted = (!order.trusted).then_some(new);
-        if order.trusted {
+        let is_trusted = !order.force && self.is_trusted(new);
+        let last = Some(old).filter(|old| self.is_trusted(*old));
+        self.untrusted = order.force.then_some(new);
+        let stays = if is_trusted {
             self.drop_automatic_standby(out);
-        }
+            false
+        } else {
+            may_stay && self.keep_fallback(last, order.shadow_ns, out)
+        };
         self.settle(until_ns.min(now.logical_ns));
         if stays {
             step(out, Step::FallbackStays { seat: old, owner: new });
@@ -247,24 +255,42 @@ impl SlotMachine {
         self.publish(now, new, None, out);
     }
 
-    /// Makes the last owner the standby; false if it cannot be, or if there is one already.
-    fn keep_as_fallback(&mut self, old: Seat, shadow_ns: u64) -> bool {
-        let program = self.instances.state(old).program().filter(|_| self.instances.is_seated(old));
-        let Some(program) = program.filter(|_| self.config.keeps_fallback) else { return false };
-        if self.standby.is_some_and(|standby| standby.seat.is_some()) {
+    /// Sees to it that an owner that is not trusted has a fallback that is: the standby that is there; or `last`, the
+    /// owner before it, which stays then; or the program that the flight began with, which joins. True if `last` stays.
+    pub(super) fn keep_fallback(
+        &mut self,
+        last: Option<Seat>,
+        shadow_ns: u64,
+        out: &mut Vec<Action>,
+    ) -> bool {
+        if !self.config.keeps_fallback {
             return false;
         }
+        let last = last.filter(|last| self.instances.is_seated(*last));
+        if let Some(standby) = self.standby.filter(|standby| !standby.program.is_trusted) {
+            // Of two that are not trusted, neither is the other's fallback.
+            step(out, Step::StandbyGivenUp(standby.program));
+            self.standby = None;
+            if let Some(seat) = standby.seat {
+                self.dismiss(seat, out);
+            }
+        }
+        let is_there = self.standby.is_some_and(|standby| standby.seat.is_some());
+        if is_there || last.is_none() && self.standby.is_some() {
+            return false;
+        }
+        let program = last.and_then(|last| self.instances.state(last).program());
         self.standby = Some(Standby {
-            program,
+            program: program.unwrap_or(self.home),
             shadow_ns,
             rehearse: false,
             automatic: true,
-            seat: Some(old),
+            seat: last,
             losses: 0,
             proven: true,
             refused: false,
         });
-        true
+        last.is_some()
     }
 
     /// Sends a standby away that is there for an owner that no longer commands.

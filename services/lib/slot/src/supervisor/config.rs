@@ -30,13 +30,14 @@ pub struct SlotConfig {
     pub tries_max: u32,
     /// Standbys lost in a row, or refused, before there shall be none.
     pub standby_losses_max: u32,
-    /// The last proven owner stays as the fallback of an owner that is not trusted.
+    /// An owner that is not trusted has one that is as its fallback: the last owner, or the program that the flight began
+    /// with.
     pub keeps_fallback: bool,
     /// From a rehearsal's instant until its answer is about a flight that is past.
     pub rehearsal_ns: u64,
-    /// How long the next standby of a slot that was found in flight shadows: how long the first was asked
-    /// to is not known any more.
-    pub adopted_shadow_ns: u64,
+    /// How long a standby shadows where no request says it: in a slot that was found in flight, and as the fallback of
+    /// an owner that is not trusted \[ns\].
+    pub standby_shadow_ns: u64,
 }
 
 impl SlotConfig {
@@ -52,7 +53,7 @@ impl SlotConfig {
         standby_losses_max: 3,
         keeps_fallback: true,
         rehearsal_ns: 2_000_000_000,
-        adopted_shadow_ns: 2_000_000_000,
+        standby_shadow_ns: 2_000_000_000,
     };
     /// For flights by the wall clock.
     pub const REALTIME: Self = Self {

@@ -2,9 +2,15 @@
 
 use crate::record::{SEATS, Seat};
 
-/// An executable with its configuration, as a place in the launcher's own list.
+/// An executable with its configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct Program(pub u32);
+pub struct Program {
+    /// Its place in the launcher's own list.
+    pub number: u32,
+    /// It may command its slot alone. Any other is watched for as long as it commands, whatever made it the owner, and
+    /// has one that is trusted as its fallback.
+    pub is_trusted: bool,
+}
 
 /// A process that has connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

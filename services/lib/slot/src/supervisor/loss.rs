@@ -7,7 +7,8 @@ use super::report::{Report, Step};
 use super::{Phase, SlotMachine, Useless, step};
 use crate::record::Seat;
 
-/// An owner that is lost so soon after it was started again is not started a third time \[ns\].
+/// An owner that is lost so soon after it was started again is not started a third time \[ns\]; one that is not trusted
+/// never is.
 const RELAPSE_NS: u64 = 5_000_000_000;
 
 impl SlotMachine {
@@ -101,7 +102,7 @@ impl SlotMachine {
     pub(super) fn unwatched(&mut self, now: Now, out: &mut Vec<Action>) {
         let owner = self.ledger.owner().filter(|owner| self.is_watched(*owner));
         let Some(seat) = owner.filter(|seat| self.instances.is_seated(*seat)) else { return };
-        let heir = self.fallback(seat).filter(|heir| self.untrusted != Some(*heir));
+        let heir = self.fallback(seat).filter(|heir| self.is_trusted(*heir));
         // One that is being taken back has not.
         if heir.is_some() && !matches!(self.phase, Phase::Reverting { .. }) {
             self.dismiss(seat, out);
@@ -201,20 +202,20 @@ impl SlotMachine {
         }
         self.untrusted = self.untrusted.filter(|untrusted| *untrusted != seat);
         if let Some(heir) = heir {
-            let kept = self.standby.take_if(|standby| standby.automatic);
-            if self.untrusted.is_some() {
-                // The heir is itself one that is watched.
-                self.standby = kept;
-            }
+            let is_trusted = self.is_trusted(heir);
+            self.standby.take_if(|standby| standby.automatic && is_trusted);
             self.forget_standby(heir);
+            if !is_trusted {
+                self.keep_fallback(None, self.config.standby_shadow_ns, out);
+            }
             self.settle(at_ns);
             self.publish(now, heir, Some(at_ns), out);
             step(out, Step::TookOver { seat: heir, from: seat, fault });
         } else {
-            let newcomer = self.instances.state(seat).program() != Some(self.home);
-            if matches!(fault, Fault::Silent | Fault::Tripped) && newcomer {
+            let newcomer = self.instances.state(seat).program().filter(|p| *p != self.home);
+            if let (Fault::Silent | Fault::Tripped, Some(program)) = (fault, newcomer) {
                 // Garbage from its last state would be garbage again.
-                self.restarted_ns = Some(now.logical_ns);
+                self.restarted = Some((program, now.logical_ns));
             }
             self.ledger.outstanding = None;
             self.phase = Phase::Ownerless { seat, at_ns: None };
@@ -225,16 +226,17 @@ impl SlotMachine {
     /// Its seat is empty and it is time.
     pub(super) fn start_owner(&mut self, now: Now, seat: Seat, out: &mut Vec<Action>) {
         let Some(program) = self.instances.state(seat).program() else { return };
-        let before_ns = self.restarted_ns.take();
-        let relapsed =
-            before_ns.is_some_and(|at_ns| now.logical_ns < at_ns.saturating_add(RELAPSE_NS));
+        let before = self.restarted.take().filter(|(restarted, _)| *restarted == program);
+        let relapsed = before.is_some_and(|(_, at_ns)| {
+            !program.is_trusted || now.logical_ns < at_ns.saturating_add(RELAPSE_NS)
+        });
         self.phase = Phase::Ownerless { seat, at_ns: None };
         if relapsed {
             self.instances.set(seat, InstanceState::Starting(self.home));
             step(out, Step::Replaced(seat, self.home));
             out.push(Action::Spawn(seat, self.home));
         } else {
-            self.restarted_ns = (program != self.home).then_some(now.logical_ns);
+            self.restarted = (program != self.home).then_some((program, now.logical_ns));
             self.instances.set(seat, InstanceState::Starting(program));
             out.push(Action::Restart(seat, program));
         }

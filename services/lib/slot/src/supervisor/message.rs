@@ -26,20 +26,16 @@ pub enum Target {
 }
 
 /// How a swap is to be done.
-#[expect(clippy::struct_excessive_bools, reason = "choices of their own, in any combination")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct SwapTerms {
     /// How long the candidate shadows before it is judged \[ns\].
     pub shadow_ns: u64,
     /// How long the old owner stays as the fallback \[ns\].
     pub rollback_ns: u64,
-    /// Overrule the gate where it is about disagreement, and the rehearsal.
+    /// Overrule the gate where it is about disagreement, and the rehearsal. The candidate is not trusted then.
     pub force: bool,
     /// Fly the candidate ahead before the flip, and let that decide.
     pub rehearse: bool,
-    /// The candidate may be the only controller once its window is over. Any other is watched for as
-    /// long as it commands, and the last proven owner stays as its fallback.
-    pub trusted: bool,
     /// Judge only.
     pub dry_run: bool,
 }

@@ -134,11 +134,11 @@ pub struct SlotMachine {
     standby: Option<Standby>,
     /// The program that the flight began with, and that is started when nothing else holds.
     home: Program,
-    /// When an owner of another program was last started again \[ns\].
-    restarted_ns: Option<u64>,
+    /// The owner of another program that was last started again, and when \[ns\].
+    restarted: Option<(Program, u64)>,
     /// An owner without usable commands, and when it is sent away.
     useless: Option<Useless>,
-    /// An owner that came by a swap and is watched for as long as it commands.
+    /// An owner that is not trusted although its program is: it was let through by force, or found watched.
     untrusted: Option<Seat>,
 }
 
@@ -166,7 +166,7 @@ impl SlotMachine {
             phase: Phase::Ownerless { seat, at_ns: None },
             standby: None,
             home: program,
-            restarted_ns: None,
+            restarted: None,
             useless: None,
             untrusted: None,
         }
@@ -197,7 +197,7 @@ impl SlotMachine {
             let program = instances.state(seat).program()?;
             Some(Standby {
                 program,
-                shadow_ns: config.adopted_shadow_ns,
+                shadow_ns: config.standby_shadow_ns,
                 rehearse: false,
                 automatic: record.watched,
                 seat: Some(seat),
@@ -214,7 +214,7 @@ impl SlotMachine {
             phase,
             standby,
             home: owner,
-            restarted_ns: None,
+            restarted: None,
             useless: None,
             untrusted: record.watched.then_some(record.owner),
         };
@@ -343,6 +343,12 @@ impl SlotMachine {
     pub fn are_alike(&self, a: Seat, b: Seat) -> bool {
         let layout = self.instances.layout(a);
         layout.is_some() && layout == self.instances.layout(b)
+    }
+
+    /// True if what sits there may command the slot alone.
+    fn is_trusted(&self, seat: Seat) -> bool {
+        let program = self.instances.state(seat).program();
+        self.untrusted != Some(seat) && program.is_none_or(|program| program.is_trusted)
     }
 
     /// True if `seat` is taken by a process that is there or on the way, leaving included.

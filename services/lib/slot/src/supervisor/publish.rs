@@ -81,7 +81,7 @@ impl SlotMachine {
             Phase::Flipping { new, .. } | Phase::Window { new, .. } => new == owner,
             _ => false,
         };
-        is_new || self.untrusted == Some(owner)
+        is_new || !self.is_trusted(owner)
     }
 
     fn margin_ns(&self) -> u64 {

@@ -13,17 +13,21 @@ fn any_event() -> impl Strategy<Value = Event> {
                 rollback_ns: b * MS,
                 force,
                 rehearse: a % 2 == 1,
-                trusted: b % 2 == 1,
                 dry_run,
             }
         });
     prop_oneof![
-        order.clone().prop_map(|o| Event::Request(Request::Swap(Target::New(Program(1)), o))),
+        (order.clone(), any::<bool>()).prop_map(|(o, is_trusted)| {
+            let target = Target::New(Program { number: 1, is_trusted });
+            Event::Request(Request::Swap(target, o))
+        }),
         (seat.clone(), order)
             .prop_map(|(s, o)| Event::Request(Request::Swap(Target::Seated(s), o))),
         Just(Event::Request(Request::Rollback)),
         seat.clone().prop_map(|s| Event::Request(Request::Retire(s))),
-        Just(Event::Request(Request::Standby(Program(2), MS, true))),
+        any::<bool>().prop_map(|is_trusted| {
+            Event::Request(Request::Standby(Program { number: 2, is_trusted }, MS, true))
+        }),
         (seat.clone(), 7..9_u64).prop_map(|(s, layout)| Event::Ready(s, instance(layout))),
         seat.clone().prop_map(|s| Event::Verdict(s, Ok(Box::default()))),
         seat.clone().prop_map(|s| Event::Verdict(s, Err(failed()))),
@@ -54,7 +58,7 @@ proptest! {
         lockstep in any::<bool>(),
     ) {
         let config = if lockstep { SlotConfig::LOCKSTEP } else { SlotConfig::REALTIME };
-        let mut slot = SlotMachine::new(config, SEAT[0], Program(0));
+        let mut slot = SlotMachine::new(config, SEAT[0], program(0));
         let mut t = 0;
         let mut newest: Option<Record> = None;
         for (event, later_ns) in events {

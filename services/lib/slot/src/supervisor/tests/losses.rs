@@ -40,7 +40,7 @@ fn a_fail_over_is_answered_and_the_standby_replaced() {
     bench.on(Event::Died(SEAT[0]));
     bench.confirm().wait();
     assert!(
-        bench.has(|action| *action == Action::Spawn(SEAT[0], Program(2))),
+        bench.has(|action| *action == Action::Spawn(SEAT[0], program(2))),
         "{:?}",
         bench.actions
     );
@@ -53,7 +53,7 @@ fn an_owner_without_a_fallback_is_started_again_on_its_own_seat() {
     assert_eq!(bench.slot.deadline_ns(), Some(2100 * MS));
     bench.on(Event::Request(Request::Rollback));
     bench.wait();
-    assert!(bench.has(|action| *action == Action::Restart(SEAT[0], Program(0))));
+    assert!(bench.has(|action| *action == Action::Restart(SEAT[0], program(0))));
     assert!(bench.slot.holds_time());
     bench.on(Event::Ready(SEAT[0], instance(7)));
     let from_its_state = |action: &Action| {
@@ -69,7 +69,7 @@ fn an_owner_without_a_fallback_is_started_again_on_its_own_seat() {
 fn an_owner_that_dies_again_while_starting_is_started_again() {
     let mut bench = Bench::new(SlotConfig::LOCKSTEP);
     bench.at(2000 * MS).on(Event::Died(SEAT[0])).wait().on(Event::Died(SEAT[0])).wait();
-    assert!(bench.has(|action| *action == Action::Restart(SEAT[0], Program(0))));
+    assert!(bench.has(|action| *action == Action::Restart(SEAT[0], program(0))));
 }
 
 /// An owner of another program than the flight began with, and no fallback.
@@ -86,11 +86,11 @@ fn newcomer() -> Bench {
 fn a_newcomer_that_is_lost_again_at_once_makes_room_for_the_initial_controller() {
     let mut bench = newcomer();
     bench.on(Event::Died(SEAT[1])).wait();
-    assert!(bench.has(|action| *action == Action::Restart(SEAT[1], Program(1))));
+    assert!(bench.has(|action| *action == Action::Restart(SEAT[1], program(1))));
     bench.on(Event::Ready(SEAT[1], instance(9))).confirm();
     bench.on(Event::Died(SEAT[1])).wait();
     assert!(
-        bench.has(|action| *action == Action::Spawn(SEAT[1], Program(0))),
+        bench.has(|action| *action == Action::Spawn(SEAT[1], program(0))),
         "{:?}",
         bench.actions
     );
@@ -118,7 +118,7 @@ fn a_newcomer_that_gives_nothing_to_follow_makes_room() {
     bench.wait();
     assert!(bench.has(|action| *action == Action::Kill(SEAT[1])));
     bench.on(Event::Died(SEAT[1])).wait();
-    assert!(bench.has(|action| *action == Action::Spawn(SEAT[1], Program(0))));
+    assert!(bench.has(|action| *action == Action::Spawn(SEAT[1], program(0))));
 }
 
 #[test]
@@ -168,17 +168,17 @@ fn a_new_supervisor_goes_on_from_the_record_and_sends_strangers_away() {
     let before = Bench::with_standby(SlotConfig::REALTIME);
     let mut seated = [None; SEATS];
     for place in seated.iter_mut().take(3) {
-        *place = Some((Program(9), instance(7)));
+        *place = Some((program(9), instance(7)));
     }
     let now = before.now;
     let (slot, actions) =
-        SlotMachine::adopt(SlotConfig::REALTIME, now, &before.record(), Program(0), seated);
+        SlotMachine::adopt(SlotConfig::REALTIME, now, &before.record(), program(0), seated);
     let record = *slot.record().unwrap();
     assert_eq!(record.epoch, before.record().epoch + 1);
     assert_eq!((record.owner, record.fallback), (SEAT[0], Some(SEAT[1])));
     assert!(actions.contains(&Action::AwaitExit(SEAT[2])));
     seated[0] = None;
     let (slot, _) =
-        SlotMachine::adopt(SlotConfig::REALTIME, now, &before.record(), Program(0), seated);
+        SlotMachine::adopt(SlotConfig::REALTIME, now, &before.record(), program(0), seated);
     assert_eq!(slot.record().unwrap().owner, SEAT[1], "the owner is not there any more");
 }

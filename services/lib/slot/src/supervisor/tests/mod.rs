@@ -16,15 +16,18 @@ fn instance(layout: u64) -> Instance {
     Instance { layout, millihertz: 100_000, latency_ns: MS }
 }
 
+/// One that may command alone.
+const fn program(number: u32) -> Program {
+    Program { number, is_trusted: true }
+}
+
+/// One that a user brings.
+const fn brought(number: u32) -> Program {
+    Program { number, is_trusted: false }
+}
+
 const fn order(shadow_ns: u64) -> SwapTerms {
-    SwapTerms {
-        shadow_ns,
-        rollback_ns: 500 * MS,
-        force: false,
-        rehearse: false,
-        trusted: true,
-        dry_run: false,
-    }
+    SwapTerms { shadow_ns, rollback_ns: 500 * MS, force: false, rehearse: false, dry_run: false }
 }
 
 /// A slot and what it has asked for.
@@ -38,7 +41,7 @@ impl Bench {
     /// In flight with an owner of layout 7 on seat 0.
     fn new(config: SlotConfig) -> Self {
         let now = Now { logical_ns: 0, allowed_ns: 0 };
-        let slot = SlotMachine::new(config, SEAT[0], Program(0));
+        let slot = SlotMachine::new(config, SEAT[0], program(0));
         let mut bench = Self { slot, now, actions: Vec::new() };
         assert!(bench.slot.holds_time());
         bench.on(Event::Ready(SEAT[0], instance(7)));
@@ -87,9 +90,9 @@ impl Bench {
     }
 
     fn swap(&mut self, layout: u64) -> &mut Self {
-        self.on(Event::Request(Request::Swap(Target::New(Program(1)), order(200 * MS))));
+        self.on(Event::Request(Request::Swap(Target::New(program(1)), order(200 * MS))));
         assert!(
-            self.has(|action| *action == Action::Spawn(SEAT[1], Program(1))),
+            self.has(|action| *action == Action::Spawn(SEAT[1], program(1))),
             "{:?}",
             self.actions
         );
@@ -112,7 +115,7 @@ impl Bench {
     /// Seat 0 commands and seat 1 stands by.
     fn with_standby(config: SlotConfig) -> Self {
         let mut bench = Self::new(config);
-        bench.on(Event::Request(Request::Standby(Program(2), 100 * MS, false)));
+        bench.on(Event::Request(Request::Standby(program(2), 100 * MS, false)));
         bench.on(Event::Ready(SEAT[1], instance(7))).confirm().wait().pass(SEAT[1]);
         assert_eq!(bench.record().fallback, Some(SEAT[1]));
         bench.confirm();

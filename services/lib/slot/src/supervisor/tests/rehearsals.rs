@@ -2,7 +2,7 @@
 
 use super::*;
 
-const BROUGHT: SwapTerms = SwapTerms { rehearse: true, trusted: false, ..order(200 * MS) };
+const REHEARSED: SwapTerms = SwapTerms { rehearse: true, ..order(200 * MS) };
 
 fn rehearsed(from_ns: u64) -> Rehearsed {
     Rehearsed { from_ns, left_tube: false, verdict: Ok("keeps to the tube".to_owned()) }
@@ -18,7 +18,7 @@ impl Bench {
     fn rehearsing(config: SlotConfig, order: SwapTerms) -> Self {
         let mut bench = Self::new(config);
         bench.at(1000 * MS);
-        bench.on(Event::Request(Request::Swap(Target::New(Program(1)), order)));
+        bench.on(Event::Request(Request::Swap(Target::New(brought(1)), order)));
         bench.on(Event::Ready(SEAT[1], instance(8))).confirm().wait().wait().pass(SEAT[1]);
         assert!(bench.has(|action| *action == Action::Rehearse(SEAT[1])), "{:?}", bench.actions);
         bench
@@ -30,7 +30,7 @@ impl Bench {
 
     /// Seat 1 commands, is not trusted, and its window is over.
     fn watched(config: SlotConfig) -> Self {
-        let mut bench = Self::rehearsing(config, BROUGHT);
+        let mut bench = Self::rehearsing(config, REHEARSED);
         let now_ns = bench.now.logical_ns;
         bench.answer(rehearsed(now_ns)).confirm().wait();
         bench
@@ -39,7 +39,7 @@ impl Bench {
 
 #[test]
 fn a_candidate_that_must_be_flown_ahead_gets_the_slot_only_after_that() {
-    let mut bench = Bench::rehearsing(SlotConfig::LOCKSTEP, BROUGHT);
+    let mut bench = Bench::rehearsing(SlotConfig::LOCKSTEP, REHEARSED);
     assert_eq!(bench.slot.progress(), Progress::Rehearsing(SEAT[1]));
     assert!(bench.slot.holds_time(), "lockstep time stands still until the verdict");
     assert_eq!(bench.record().owner, SEAT[0]);
@@ -56,13 +56,13 @@ fn a_candidate_that_must_be_flown_ahead_gets_the_slot_only_after_that() {
 
 #[test]
 fn a_candidate_that_fails_ahead_is_sent_away_and_one_by_force_is_not() {
-    let mut bench = Bench::rehearsing(SlotConfig::REALTIME, BROUGHT);
+    let mut bench = Bench::rehearsing(SlotConfig::REALTIME, REHEARSED);
     let now_ns = bench.now.logical_ns;
     bench.answer(fails(now_ns));
     assert!(matches!(bench.refusal(), Some(Reason::Rehearsal(RehearsalRefusal::Fails(_)))));
     assert_eq!((bench.record().owner, bench.record().period_ns[1]), (SEAT[0], 0));
 
-    let forced = SwapTerms { force: true, ..BROUGHT };
+    let forced = SwapTerms { force: true, ..REHEARSED };
     let mut bench = Bench::rehearsing(SlotConfig::REALTIME, forced);
     bench.answer(fails(now_ns));
     assert_eq!(bench.record().owner, SEAT[1]);
@@ -77,7 +77,7 @@ fn a_candidate_that_fails_ahead_is_sent_away_and_one_by_force_is_not() {
 #[test]
 fn an_answer_about_a_flight_that_is_past_is_asked_for_once_more_and_not_twice() {
     for left_tube in [false, true] {
-        let mut bench = Bench::rehearsing(SlotConfig::REALTIME, BROUGHT);
+        let mut bench = Bench::rehearsing(SlotConfig::REALTIME, REHEARSED);
         let old = |bench: &Bench| {
             let now_ns = bench.now.logical_ns;
             let from_ns = if left_tube { now_ns } else { now_ns - 2001 * MS };
@@ -114,11 +114,10 @@ fn the_last_proven_owner_stays_as_the_fallback_of_one_that_is_not_trusted() {
     assert_eq!((record.owner, record.fallback), (SEAT[1], Some(SEAT[0])));
     assert!(record.watched && bench.confirm().slot.is_quiet());
     // The next one that is not trusted leaves the proven one where it is.
-    bench.on(Event::Request(Request::Swap(Target::New(Program(3)), order(200 * MS))));
-    let untrusted = SwapTerms { trusted: false, ..order(200 * MS) };
+    bench.on(Event::Request(Request::Swap(Target::New(program(3)), order(200 * MS))));
     bench.on(Event::Request(Request::Retire(SEAT[2])));
     bench.on(Event::Died(SEAT[2]));
-    bench.on(Event::Request(Request::Swap(Target::New(Program(3)), untrusted)));
+    bench.on(Event::Request(Request::Swap(Target::New(brought(3)), order(200 * MS))));
     bench.on(Event::Ready(SEAT[2], instance(8))).confirm().wait().pass(SEAT[2]).confirm();
     assert_eq!(bench.record().fallback, Some(SEAT[1]), "in its window it is the old owner");
     bench.wait();
@@ -131,14 +130,14 @@ fn the_last_proven_owner_stays_as_the_fallback_of_one_that_is_not_trusted() {
 fn a_trusted_owner_needs_no_fallback_and_one_that_is_not_wanted_is_not_kept() {
     let mut bench = Bench::watched(SlotConfig::REALTIME);
     bench.confirm();
-    bench.on(Event::Request(Request::Swap(Target::New(Program(0)), order(200 * MS))));
+    bench.on(Event::Request(Request::Swap(Target::New(program(0)), order(200 * MS))));
     bench.on(Event::Ready(SEAT[2], instance(8))).confirm().wait().pass(SEAT[2]).confirm().wait();
     let record = bench.record();
     assert_eq!((record.owner, record.fallback, record.watched), (SEAT[2], None, false));
     assert_eq!(record.period_ns[..2], [0, 0], "both have left");
 
     let config = SlotConfig { keeps_fallback: false, ..SlotConfig::REALTIME };
-    let mut bench = Bench::rehearsing(config, BROUGHT);
+    let mut bench = Bench::rehearsing(config, REHEARSED);
     let now_ns = bench.now.logical_ns;
     bench.answer(rehearsed(now_ns));
     let reported = Action::Report(Report::Step(Step::WithoutFallback(SEAT[1])));
@@ -198,7 +197,7 @@ fn without_a_fallback_the_initial_controller_takes_the_place_of_a_tripped_one() 
     assert!(bench.has(|action| *action == Action::Kill(SEAT[1])), "{:?}", bench.actions);
     bench.on(Event::Died(SEAT[1])).wait();
     assert!(
-        bench.has(|action| *action == Action::Spawn(SEAT[1], Program(0))),
+        bench.has(|action| *action == Action::Spawn(SEAT[1], program(0))),
         "{:?}",
         bench.actions
     );
@@ -230,4 +229,80 @@ fn an_unwatched_owner_leaves_in_order_for_its_fallback_and_stays_without_one() {
     let before = bench.record();
     bench.on(Event::Unwatched);
     assert_eq!((bench.record(), &bench.actions[..]), (before, &[][..]));
+}
+
+impl Bench {
+    /// Seat 0 commands, and a process that a user has brought stands by on seat 1.
+    fn with_brought_standby(config: SlotConfig) -> Self {
+        let mut bench = Self::new(config);
+        bench.on(Event::Request(Request::Standby(brought(2), 100 * MS, false)));
+        bench.on(Event::Ready(SEAT[1], instance(8))).confirm().wait().wait().pass(SEAT[1]);
+        assert_eq!(bench.record().fallback, Some(SEAT[1]));
+        bench.confirm();
+        bench
+    }
+
+    /// The program that the flight began with joins on a seat, and is the fallback.
+    fn home_joins(&mut self, seat: Seat) -> &mut Self {
+        let spawned = Action::Spawn(seat, program(0));
+        assert!(self.has(|action| *action == spawned), "{:?}", self.actions);
+        self.on(Event::Ready(seat, instance(7))).confirm().wait().wait().pass(seat);
+        assert_eq!(self.record().fallback, Some(seat));
+        self.confirm()
+    }
+}
+
+#[test]
+fn a_standby_that_is_not_trusted_is_watched_as_the_owner_and_gets_a_trusted_fallback() {
+    let mut bench = Bench::with_brought_standby(SlotConfig::LOCKSTEP);
+    bench.at(2000 * MS).on(Event::Died(SEAT[0]));
+    let record = bench.record();
+    assert_eq!((record.owner, record.fallback, record.watched), (SEAT[1], None, true));
+    let given_up = Action::Report(Report::Step(Step::StandbyGivenUp(brought(2))));
+    assert!(bench.has(|action| *action == given_up), "{:?}", bench.actions);
+    bench.confirm().wait().home_joins(SEAT[0]);
+    let record = bench.record();
+    assert_eq!((record.owner, record.watched), (SEAT[1], true));
+    let epoch = record.epoch;
+    bench.on(Event::Tripped { epoch, at_ns: bench.now.logical_ns });
+    assert_eq!((bench.record().owner, bench.record().watched), (SEAT[0], false));
+}
+
+#[test]
+fn of_two_that_are_not_trusted_neither_is_the_fallback_of_the_other() {
+    let mut bench = Bench::with_brought_standby(SlotConfig::REALTIME);
+    bench.on(Event::Request(Request::Swap(Target::New(brought(3)), order(200 * MS))));
+    bench.on(Event::Ready(SEAT[2], instance(9))).confirm().wait().wait().pass(SEAT[2]).confirm();
+    assert_eq!(bench.record().fallback, Some(SEAT[0]), "in its window");
+    bench.wait();
+    let record = bench.record();
+    assert_eq!((record.owner, record.fallback, record.watched), (SEAT[2], Some(SEAT[0]), true));
+    assert_eq!(record.period_ns[1], 0, "the standby leaves");
+}
+
+#[test]
+fn an_owner_that_is_not_trusted_is_watched_when_it_is_started_again_and_that_is_once() {
+    for keeps_fallback in [true, false] {
+        let config = SlotConfig { keeps_fallback, ..SlotConfig::LOCKSTEP };
+        let mut bench = Bench::watched(config);
+        bench.confirm();
+        if keeps_fallback {
+            bench.on(Event::Request(Request::Retire(SEAT[0]))).confirm();
+        }
+        bench.on(Event::Died(SEAT[0])).on(Event::Died(SEAT[1])).wait();
+        let restarted = Action::Restart(SEAT[1], brought(1));
+        assert!(bench.has(|action| *action == restarted), "{:?}", bench.actions);
+        bench.on(Event::Ready(SEAT[1], instance(8)));
+        assert_eq!((bench.record().owner, bench.record().watched), (SEAT[1], true));
+        bench.confirm();
+        if keeps_fallback {
+            bench.wait().home_joins(SEAT[0]);
+            continue;
+        }
+        // However long it has flown since.
+        let later_ns = bench.now.logical_ns + 60_000 * MS;
+        bench.at(later_ns).on(Event::Died(SEAT[1])).wait();
+        let spawned = Action::Spawn(SEAT[1], program(0));
+        assert!(bench.has(|action| *action == spawned), "{:?}", bench.actions);
+    }
 }

@@ -59,7 +59,7 @@ fn time_stops_where_the_window_may_end_before_the_flip_is_confirmed() {
 fn without_a_window_no_time_is_waited_for_that_has_come_already() {
     let mut bench = Bench::new(SlotConfig::LOCKSTEP);
     let at_once = SwapTerms { rollback_ns: 0, ..order(201 * MS) };
-    bench.at(4200 * MS).on(Event::Request(Request::Swap(Target::New(Program(1)), at_once)));
+    bench.at(4200 * MS).on(Event::Request(Request::Swap(Target::New(program(1)), at_once)));
     bench.on(Event::Ready(SEAT[1], instance(7))).confirm().wait().pass(SEAT[1]);
     assert_eq!((bench.record().effective_ns, bench.now.allowed_ns), (4401 * MS, 4401 * MS));
     assert_eq!(bench.slot.deadline_ns(), Some(4411 * MS), "in steps of its period");
@@ -105,7 +105,7 @@ fn a_candidate_is_refused_with_its_reason_and_the_owner_flies_on() {
         (Some(Fault::WrongLayout), Event::Misbehaved(SEAT[1], Fault::WrongLayout)),
     ] {
         let mut bench = Bench::new(SlotConfig::LOCKSTEP);
-        bench.on(Event::Request(Request::Swap(Target::New(Program(1)), order(MS))));
+        bench.on(Event::Request(Request::Swap(Target::New(program(1)), order(MS))));
         bench.on(event);
         assert_eq!(bench.refusal(), fault.map(Reason::Fault).as_ref());
         assert_eq!(bench.refusal().map(Reason::exit_code), Some(1));
@@ -126,7 +126,7 @@ fn force_overrules_disagreement_and_nothing_else() {
     for (refusal, flips) in [(far, true), (failed(), false)] {
         let mut bench = Bench::new(SlotConfig::LOCKSTEP);
         let forced = SwapTerms { force: true, ..order(MS) };
-        bench.on(Event::Request(Request::Swap(Target::New(Program(1)), forced)));
+        bench.on(Event::Request(Request::Swap(Target::New(program(1)), forced)));
         bench.on(Event::Ready(SEAT[1], instance(7))).confirm().wait();
         bench.on(Event::Verdict(SEAT[1], Err(refusal)));
         assert_eq!(bench.record().owner == SEAT[1], flips);
@@ -137,7 +137,7 @@ fn force_overrules_disagreement_and_nothing_else() {
 fn a_dry_run_judges_and_sends_away() {
     let mut bench = Bench::new(SlotConfig::LOCKSTEP);
     let dry = SwapTerms { dry_run: true, ..order(MS) };
-    bench.on(Event::Request(Request::Swap(Target::New(Program(1)), dry)));
+    bench.on(Event::Request(Request::Swap(Target::New(program(1)), dry)));
     bench.on(Event::Ready(SEAT[1], instance(7))).confirm().wait().pass(SEAT[1]);
     assert!(bench.has(|action| *action == Action::Report(Report::Done(SEAT[1], Outcome::DryRun))));
     assert_eq!(bench.record().owner, SEAT[0]);
@@ -165,7 +165,7 @@ fn what_makes_no_sense_is_refused_with_its_exit_code() {
         assert_eq!(bench.refusal().map(Reason::exit_code), Some(code), "{:?}", bench.actions);
         assert_eq!(bench.actions.len(), 1, "and nothing else happens");
     }
-    bench.on(to(Target::New(Program(1)))).on(to(Target::New(Program(1))));
+    bench.on(to(Target::New(program(1)))).on(to(Target::New(program(1))));
     assert_eq!(bench.refusal(), Some(&Reason::Busy(SEAT[1])));
     assert_eq!(bench.refusal().map(Reason::exit_code), Some(3));
 }

@@ -52,23 +52,15 @@ pub(crate) enum Move {
     Ask(Request),
 }
 
-/// Of a built-in controller.
-const TRUSTED: SwapTerms = SwapTerms {
-    shadow_ns: 2,
-    rollback_ns: 3,
-    force: false,
-    rehearse: false,
-    trusted: true,
-    dry_run: false,
-};
-/// Of one that a user brought.
-const BROUGHT: SwapTerms = SwapTerms { rehearse: true, trusted: false, ..TRUSTED };
+const AT_ONCE: SwapTerms =
+    SwapTerms { shadow_ns: 2, rollback_ns: 3, force: false, rehearse: false, dry_run: false };
+const REHEARSED: SwapTerms = SwapTerms { rehearse: true, ..AT_ONCE };
 
 const REQUESTS: [Request; 9] = [
-    Request::Swap(Target::New(SAME_KIND), TRUSTED),
-    Request::Swap(Target::New(OTHER_KIND), BROUGHT),
-    Request::Swap(Target::New(SAME_KIND), SwapTerms { dry_run: true, ..BROUGHT }),
-    Request::Swap(Target::Seated(Seat::ALL[1]), TRUSTED),
+    Request::Swap(Target::New(SAME_KIND), AT_ONCE),
+    Request::Swap(Target::New(OTHER_KIND), REHEARSED),
+    Request::Swap(Target::New(SAME_KIND), SwapTerms { dry_run: true, ..REHEARSED }),
+    Request::Swap(Target::Seated(Seat::ALL[1]), AT_ONCE),
     Request::Standby(STANDBY, 2, false),
     Request::Rollback,
     Request::Retire(Seat::ALL[0]),

@@ -65,7 +65,7 @@ pub(crate) enum Broken {
 pub(crate) enum Process {
     Gone,
     Starting {
-        program: u32,
+        program: Program,
         since: u64,
     },
     /// Connected, and without an order to begin.
@@ -144,18 +144,18 @@ pub(crate) enum Message {
     Unguided { epoch: u64, since_ns: u64, at_ns: u64 },
 }
 
-pub(crate) const OWNER: Program = Program(0);
-pub(crate) const STANDBY: Program = Program(1);
-pub(crate) const SAME_KIND: Program = Program(2);
-/// Of another kind, and at half the rate.
-pub(crate) const OTHER_KIND: Program = Program(3);
+pub(crate) const OWNER: Program = Program { number: 0, is_trusted: true };
+pub(crate) const STANDBY: Program = Program { number: 1, is_trusted: false };
+pub(crate) const SAME_KIND: Program = Program { number: 2, is_trusted: true };
+/// Of a user, of another kind, and at half the rate.
+pub(crate) const OTHER_KIND: Program = Program { number: 3, is_trusted: false };
 
 pub(crate) fn config(clock: Clock) -> SlotConfig {
     let common = SlotConfig {
         acknowledge_ns: 5,
         unguided_ns: 0,
         rehearsal_ns: REHEARSAL,
-        adopted_shadow_ns: 2,
+        standby_shadow_ns: 2,
         ..SlotConfig::REALTIME
     };
     match clock {
@@ -197,7 +197,7 @@ impl World {
             broken: None,
         };
         let first = Seat::ALL[0];
-        let instance = Self::instance(0);
+        let instance = Self::instance(OWNER);
         world.processes[0] = Process::Flying { instance, from: 0, mute: None, leaving: None };
         world.notify(Event::Ready(first, instance));
         if standby {
@@ -221,8 +221,8 @@ impl World {
         self.budget = spare;
     }
 
-    pub(crate) fn instance(program: u32) -> Instance {
-        let other = Program(program) == OTHER_KIND;
+    pub(crate) fn instance(program: Program) -> Instance {
+        let other = program == OTHER_KIND;
         let millihertz = if other { EACH_TICK / 2 } else { EACH_TICK };
         Instance { layout: u64::from(other), millihertz, latency_ns: LATENCY }
     }
@@ -244,7 +244,7 @@ impl World {
         let t = self.t;
         for action in actions {
             match action {
-                Action::Spawn(seat, Program(program)) | Action::Restart(seat, Program(program)) => {
+                Action::Spawn(seat, program) | Action::Restart(seat, program) => {
                     assert!(self.processes[seat.index()] == Process::Gone, "{seat} is taken");
                     self.processes[seat.index()] = Process::Starting { program, since: t };
                 }
