@@ -233,7 +233,7 @@ fn monitor(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
          \x20       {excursion_m} m away from its reference, {height_m} m above the ground, or when it is\n\
          \x20       {astray_rad:.3} rad off for {astray_s} s or {off_course_m} m for {off_course_s} s, swings by {swing_rate_rad_s} rad/s or is swung by {swing_tilt_rad:.3} rad,\n\
          \x20       asks for {setpoint_tilt_rad:.3} rad of tilt, for less thrust than {least} weights or more than {most},\n\
-         \x20       or for a heading {heading_rad:.3} rad off the reference, reports a set point that it was not given,\n\
+         \x20       or for a heading {heading_rad:.3} rad off the reference, reports of the position slot what is not so,\n\
          \x20       {full_torque}clips the rotors for {clipped_s} s, or gains {thrust_speed_m_s} m/s by another thrust than asked for;\n\
          \x20       beyond {} rad or {} rad/s the gate levels first, to {} rad and {} rad/s",
         gate.recover_tilt_rad,

@@ -80,7 +80,7 @@ class Position:
             for sample in reversed(applied.fresh):
                 judges = [record for record in known if record.header.valid_ns <= sample.valid_ns]
                 if judges and getattr(judges[-1], standing) == sample.seat:
-                    has_failed = plant is not None and plant.failed_over
+                    has_failed = plant is not None and (plant.failed_over or plant.tripped)
                     if standing == "owner" and has_failed and plant.epoch == judges[-1].epoch:
                         break
                     report = applied.value_of(sample)

@@ -155,8 +155,13 @@ class PositionLaw(unittest.TestCase):
 
     def test_an_owner_that_the_plant_has_left_is_not_believed(self):
         followed = Fields(setpoint_sequence=1, roll_rad=0.05, pitch_rad=-0.1, thrust_n=1.3)
-        for epoch, failed_over, is_followed in ((2, True, False), (2, False, True), (1, True, True)):
-            self.plant = Fields(epoch=epoch, failed_over=failed_over)
+        for epoch, failed_over, tripped, is_followed in (
+            (2, True, False, False),
+            (2, False, True, False),
+            (2, False, False, True),
+            (1, True, True, True),
+        ):
+            self.plant = Fields(epoch=epoch, failed_over=failed_over, tripped=tripped)
             thrust_n = self.step((0.0, 0.0, 0.0), followed)[2]
             self.assertEqual(abs(thrust_n - 1.3) < 1e-6, is_followed)
 

@@ -164,7 +164,12 @@ impl Monitor {
         let followed = inputs.applied_command.latest();
         let applied = inputs.applied_setpoint.in_command(&inputs.attitude_owner, followed);
         let Some(applied) = applied else { return };
-        self.memory.failed_over = if applied.failed_over.is_set() { applied.epoch } else { 0 };
+        let record = inputs.attitude_owner.in_effect_at(applied.header.valid_ns);
+        let is_proven = record.is_some_and(|record| !record.watched.is_set());
+        // Of one that is not, only as far as there is a reason for it.
+        let is_believed = is_proven || self.reports.may_have_failed_over();
+        let has_failed_over = applied.failed_over.is_set() && is_believed;
+        self.memory.failed_over = if has_failed_over { applied.epoch } else { 0 };
         let setpoint = [applied.roll_rad, applied.pitch_rad, applied.yaw_rad, applied.thrust_n];
         if applied.setpoint_sequence > 0 && setpoint.iter().all(|number| number.is_finite()) {
             self.memory.setpoint = setpoint;
@@ -179,7 +184,9 @@ impl Monitor {
     fn take_asked(&mut self, now_ns: u64, inputs: &Inputs) {
         if let Some(record) = inputs.position_owner.in_effect_at(now_ns) {
             let hands = [record.owner, record.fallback];
-            let record = Record { epoch: record.epoch, hands, at_ns: record.header.valid_ns };
+            let every_ns = period_ns(record, record.owner);
+            let at_ns = record.header.valid_ns;
+            let record = Record { epoch: record.epoch, hands, at_ns, every_ns };
             self.memory.has_asked &= !self.reports.take_record(&record);
         }
         // A monitor that joins a flight begins with the one in effect.
@@ -200,6 +207,7 @@ impl Monitor {
                 }
             }
         }
+        self.reports.listen(now_ns);
     }
 
     /// Takes what the plant has applied: the torques, and since when the rotors have been clipped.
@@ -274,6 +282,10 @@ impl Monitor {
                     release_ns: applied.header.release_ns,
                     seat: applied.seat,
                     sequence: applied.setpoint_sequence,
+                    epoch: applied.epoch,
+                    refused_epoch: applied.refused_epoch,
+                    has_failed_over: applied.failed_over.is_set(),
+                    has_tripped: applied.tripped.is_set(),
                     value: [applied.roll_rad, applied.pitch_rad, applied.yaw_rad, applied.thrust_n],
                     period_ns: period_ns(attitude, applied.header.seat),
                     asked_every_ns: [position.owner, position.fallback]
@@ -389,8 +401,8 @@ impl Service for Monitor {
     type Memory = Memory;
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
-        self.take_tracked(inputs);
         self.take_asked(now_ns, inputs);
+        self.take_tracked(inputs);
         self.take_applied(inputs);
         let hands = self.hands(now_ns, inputs);
         if self.is_silent(now_ns, inputs) {

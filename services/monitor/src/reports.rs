@@ -67,6 +67,12 @@ shared_types::memory! {
         pub tripped: u32,
         /// Its trip's effective instant \[ns\].
         pub tripped_ns: u64,
+        /// The period of its owner \[ns\].
+        pub every_ns: u64,
+        /// Effective instant of its owner's last set point, or of the record that made it the owner \[ns\].
+        pub heard_ns: u64,
+        /// Epoch in which its owner has last been silent for so long that it may have been left.
+        pub lapsed: u64,
     }
 }
 
@@ -78,6 +84,8 @@ pub struct Record {
     pub hands: [u32; 2],
     /// Since when it is in effect \[ns\].
     pub at_ns: u64,
+    /// Period of the owner \[ns\].
+    pub every_ns: u64,
 }
 
 /// What the attitude slot's owner reports of its set point in a step.
@@ -89,6 +97,14 @@ pub struct Report {
     pub seat: u32,
     /// Sequence of the set point that it tracks; 0 before the first.
     pub sequence: u64,
+    /// Epoch of the position slot's record that it goes by.
+    pub epoch: u64,
+    /// Epoch of the last record that it has refused; 0 for none.
+    pub refused_epoch: u64,
+    /// Whether it follows the fallback of that record.
+    pub has_failed_over: bool,
+    /// Whether the owner of that record has tripped.
+    pub has_tripped: bool,
     /// Roll, pitch and yaw \[rad\], and collective thrust \[N\].
     pub value: [f64; 4],
     /// Period of its loop \[ns\].
@@ -149,6 +165,10 @@ impl Reports {
 
     /// Takes a set point of the controller on `seat`, all of it finite.
     pub fn ask(&mut self, seat: u32, asked: Asked) {
+        if seat == self.memory.hands[0] {
+            self.listen(asked.valid_ns);
+            self.memory.heard_ns = self.memory.heard_ns.max(asked.valid_ns);
+        }
         let [roll, pitch, yaw, thrust_n] = asked.value;
         // What the rotors cannot give is not tracked.
         let value = [roll, pitch, yaw, thrust_n.clamp(0.0, self.thrust_max_n)];
@@ -160,12 +180,31 @@ impl Reports {
         by_seat.count += 1;
     }
 
+    /// Notes that the owner has asked for nothing until `until_ns`, if it could have: half a period before its consumers
+    /// may leave it for its fallback, since they may have received less of it.
+    pub fn listen(&mut self, until_ns: u64) {
+        let memory = &mut self.memory;
+        let gap_ns = memory.every_ns.saturating_mul(3) / 2;
+        let has_fallback = memory.hands[1] != NO_SEAT;
+        if has_fallback && until_ns > memory.heard_ns.saturating_add(gap_ns) {
+            memory.lapsed = memory.epoch;
+        }
+    }
+
+    /// Whether the position slot's fallback may be in command: its owner has tripped, or was silent for too long.
+    #[must_use]
+    pub fn may_have_failed_over(&self) -> bool {
+        self.memory.tripped != NO_SEAT || self.memory.lapsed == self.memory.epoch
+    }
+
     /// Takes the record of the position slot that is in effect; true if owner or fallback are others than before.
     pub fn take_record(&mut self, record: &Record) -> bool {
         let has_changed = record.hands != self.memory.hands;
+        self.memory.every_ns = record.every_ns;
         if has_changed {
             self.memory.hands = record.hands;
             self.memory.tripped = NO_SEAT;
+            self.memory.heard_ns = record.at_ns;
         }
         if record.epoch != self.memory.epoch {
             self.memory.epoch = record.epoch;
@@ -193,7 +232,8 @@ impl Reports {
         if self.ignores_trip(report) {
             return Some(TripCause::TripIgnored);
         }
-        match self.judge(report) {
+        let judged = if self.misstates(report) { Judged::Unfound } else { self.judge(report) };
+        match judged {
             Judged::Open => None,
             Judged::True { left } => {
                 self.memory.unfound = 0;
@@ -208,6 +248,20 @@ impl Reports {
             }
             Judged::False => Some(TripCause::ReportFalse),
         }
+    }
+
+    /// Says of the position slot what its records, trips and set points do not: another epoch, a trip that there was not,
+    /// or a fail-over although the owner has asked without a gap. It would cost the owner its slot.
+    fn misstates(&self, report: &Report) -> bool {
+        let memory = &self.memory;
+        if report.epoch != memory.epoch {
+            let within_ns = FOLLOWED_WITHIN_NS.max(2 * report.period_ns);
+            // One that came too late for the loop is written again.
+            return report.refused_epoch != memory.epoch
+                && report.release_ns > memory.changed_ns.saturating_add(within_ns);
+        }
+        report.has_tripped && memory.tripped == NO_SEAT
+            || report.has_failed_over && !self.may_have_failed_over()
     }
 
     /// The tripped owner is still followed when it should not be any more, although the fallback is there.

@@ -12,6 +12,16 @@ pub(super) struct Consumers {
     flying: Option<u32>,
     /// Since when the plant has followed that one \[ns\].
     since_ns: u64,
+    claim: Option<Claim>,
+}
+
+/// What an attitude controller that is watched says against the position slot's owner, which would cost that its slot:
+/// the monitor has until `due_ns` to find that it is not so.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Claim {
+    by_seat: u32,
+    followed: Followed,
+    due_ns: u64,
 }
 
 impl Consumers {
@@ -27,6 +37,20 @@ impl Consumers {
             self.last[seat.index()] = Some(followed);
         }
         Followed { at_ns: followed.at_ns.max(self.since_ns), ..followed }
+    }
+
+    /// Keeps back what the watched controller on a seat says against the owner that it is to follow, until `due_ns`; the
+    /// rest of its report is returned. What it does not say any more was nothing.
+    pub(super) fn keep_claim(&mut self, by_seat: u32, followed: Followed, due_ns: u64) -> Followed {
+        let is_claim = followed.failed_over || followed.tripped;
+        self.claim = is_claim.then_some(Claim { by_seat, followed, due_ns });
+        Followed { failed_over: false, tripped: false, ..followed }
+    }
+
+    /// What has been kept back and is due, once.
+    pub(super) fn take_due(&mut self, now_ns: u64) -> Option<(u32, Followed)> {
+        let claim = self.claim.take_if(|claim| claim.due_ns <= now_ns)?;
+        Some((claim.by_seat, claim.followed))
     }
 
     /// Takes which controller the plant follows. If it is another one than before, its last report counts from now.
@@ -61,6 +85,19 @@ mod tests {
         consumers.take(0, follows(2, 60));
         assert_eq!(consumers.take_plant(&follows(0, 50)), Some(follows(2, 60)));
         assert_eq!(consumers.take_plant(&follows(9, 70)), None, "of a seat that there is not");
+    }
+
+    #[test]
+    fn a_claim_is_due_if_it_is_still_made_then() {
+        let mut consumers = Consumers::default();
+        let claims = Followed { failed_over: true, ..follows(3, 20) };
+        assert_eq!(consumers.keep_claim(1, claims, 70), follows(3, 20));
+        assert_eq!(consumers.take_due(69), None);
+        assert_eq!(consumers.take_due(70), Some((1, claims)));
+        assert_eq!(consumers.take_due(71), None, "once");
+        let _ = consumers.keep_claim(1, claims, 70);
+        assert_eq!(consumers.keep_claim(1, follows(3, 30), 80), follows(3, 30));
+        assert_eq!(consumers.take_due(90), None, "taken back");
     }
 
     #[test]

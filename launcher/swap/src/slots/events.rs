@@ -10,6 +10,13 @@ use slot::Seat;
 use slot::gate::Refusal;
 use slot::supervisor::{Event, Fault, Instance};
 
+/// How long the monitor has for its next step, and its trip to arrive, before what a watched attitude controller says
+/// against the position slot's owner counts \[ns\].
+const CLAIM_NS: u64 = 50_000_000;
+/// For how many of that controller's periods as well: the false reports after which it trips, and one before the first is
+/// seen.
+const FALSE_REPORTS: u64 = 4;
+
 impl Slots {
     pub(super) fn take_event(
         &mut self,
@@ -90,11 +97,16 @@ impl Slots {
             {
                 Ok(())
             }
+            Seen::Follows { followed, by_seat, .. } if role == Role::Position => {
+                self.attitude_follows(slot, by_seat, followed, context)
+            }
             Seen::Follows { followed, .. } => {
                 self.consumer_follows(slot, &followed, context)?;
-                let kept = (role == Role::Attitude).then(|| self.consumers.take_plant(&followed));
-                match (kept.flatten(), self.slot_of(Role::Position)) {
-                    (Some(kept), Some(slot)) => self.consumer_follows(slot, &kept, context),
+                let kept = self.consumers.take_plant(&followed);
+                match (kept, self.slot_of(Role::Position)) {
+                    (Some(kept), Some(slot)) => {
+                        self.attitude_follows(slot, followed.seat, kept, context)
+                    }
                     _ => Ok(()),
                 }
             }
@@ -129,6 +141,9 @@ impl Slots {
             TripReason(trip)
         );
         self.orders.explain(slot, seat, &TripReason(trip).to_string());
+        if let Some(state) = self.states.get_mut(&slot) {
+            state.tripped_seat = Some(seat);
+        }
         self.add_news(text, true);
     }
 
@@ -160,6 +175,42 @@ impl Slots {
             }
             _ => Ok(()),
         }
+    }
+
+    /// The attitude controller that flies reports which seat of the position slot it follows. What one that is watched
+    /// says against the owner counts only after the monitor has had time to find it false.
+    fn attitude_follows(
+        &mut self,
+        slot: Slot,
+        by_seat: u32,
+        followed: Followed,
+        context: &mut SlotContext<'_>,
+    ) -> Result<(), FlightError> {
+        let record = self.machines.get(&Slot::Attitude).and_then(slot::SlotMachine::record);
+        let watched = record.filter(|r| r.watched && u32::from(r.owner) == by_seat);
+        let Some(record) = watched else {
+            return self.consumer_follows(slot, &followed, context);
+        };
+        let period_ns = record.period_ns[record.owner.index()];
+        let within_ns = CLAIM_NS.saturating_add(period_ns.saturating_mul(FALSE_REPORTS));
+        let due_ns = followed.at_ns.saturating_add(within_ns);
+        let followed = self.consumers.keep_claim(by_seat, followed, due_ns);
+        self.consumer_follows(slot, &followed, context)
+    }
+
+    /// What an attitude controller has said against the position slot's owner counts now, if it has not tripped since.
+    pub(super) fn take_claim(&mut self, context: &mut SlotContext<'_>) -> Result<(), FlightError> {
+        let due = self.consumers.take_due(context.now.logical_ns);
+        let Some(((by_seat, followed), slot)) = due.zip(self.slot_of(Role::Position)) else {
+            return Ok(());
+        };
+        let attitude = self.states.get(&Slot::Attitude);
+        let has_tripped = attitude.and_then(|state| state.tripped_seat).map(u32::from);
+        let owner = self.owner_seat(Role::Attitude);
+        if owner == Some(by_seat) && has_tripped != owner {
+            return self.consumer_follows(slot, &followed, context);
+        }
+        Ok(())
     }
 
     fn consumer_follows(

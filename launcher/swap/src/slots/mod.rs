@@ -72,6 +72,8 @@ struct SlotState {
     commanding: [Option<usize>; SEATS],
     /// Seats whose processes a fault of the script has struck.
     struck: Vec<Seat>,
+    /// The seat of the process that the monitor has tripped last, until another process has it.
+    tripped_seat: Option<Seat>,
     /// Of the consumer, as far as the protocol has been given it.
     acknowledged: u64,
     refused_epoch: u64,
@@ -243,6 +245,7 @@ impl Slots {
         for event in context.posts.take_events() {
             self.take_event(&event, context)?;
         }
+        self.take_claim(context)?;
         self.take_rehearsals(context)?;
         for slot in Slot::ALL {
             self.check_timeouts(slot, context)?;

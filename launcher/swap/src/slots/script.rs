@@ -67,6 +67,14 @@ impl Script {
         self.next_ns() <= now.logical_ns && !slots.holds_time()
     }
 
+    /// The next deed that is due. A swap waits while the monitor does not step, since nothing would watch the new owner.
+    fn take_due(&mut self, now_ns: u64, monitor_silent_ns: Option<u64>) -> Option<Deed> {
+        let waits = |deed: &Deed| monitor_silent_ns.is_some() && matches!(deed, Deed::Swap(_));
+        let is_next = |(at_ns, deed): &(u64, Deed)| *at_ns <= now_ns && !waits(deed);
+        let at = self.deeds.iter().rposition(is_next)?;
+        Some(self.deeds.remove(at).1)
+    }
+
     /// Does what is due.
     ///
     /// # Errors
@@ -77,7 +85,7 @@ impl Script {
         context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
         while self.is_due(slots, context.now)
-            && let Some((_, deed)) = self.deeds.pop()
+            && let Some(deed) = self.take_due(context.now.logical_ns, context.monitor_silent_ns)
         {
             match deed {
                 Deed::Swap(swap) => slots.script(&order(&swap), context)?,
@@ -139,4 +147,28 @@ fn afflict(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_swap_waits_for_a_silent_monitor_and_what_is_due_behind_it_does_not() {
+        let script = [
+            scenario::Override::swap("attitude=attitude-pid@1s").unwrap(),
+            scenario::Override::fault("kill:plant@2s").unwrap(),
+        ];
+        let scenario = scenario::Scenario::load("hover", &script).unwrap();
+        let swap = Deed::Swap(scenario.settings().swap[0].clone());
+        let fault = Deed::Fault(scenario.settings().fault[0].clone());
+        let mut script = Script { deeds: vec![(30, swap.clone()), (20, fault), (10, swap)] };
+        let silent_ns = Some(40_000_000);
+        assert!(script.take_due(9, silent_ns).is_none());
+        assert!(matches!(script.take_due(25, silent_ns), Some(Deed::Fault(_))));
+        assert!(script.take_due(40, silent_ns).is_none());
+        assert_eq!(script.next_ns(), 10, "it is still to come");
+        assert!(matches!(script.take_due(25, None), Some(Deed::Swap(_))));
+        assert!(script.take_due(25, None).is_none(), "not before its time");
+    }
 }

@@ -87,7 +87,7 @@ impl TripReason<'_> {
                 f,
                 "the actuation gate had to level the vehicle, or its tilt would have passed {limit:.2} rad"
             ),
-            TripCause::ReportFalse => f.write_str("it reports a set point that it was not given"),
+            TripCause::ReportFalse => f.write_str("what it reports of the position slot is not so"),
             TripCause::TripIgnored => {
                 f.write_str("it still follows the position controller that has tripped")
             }

@@ -13,6 +13,10 @@ fn report(seat: u32, of: &Asked) -> Report {
         release_ns: of.valid_ns,
         seat,
         sequence: of.sequence,
+        epoch: 1,
+        refused_epoch: 0,
+        has_failed_over: false,
+        has_tripped: false,
         value: of.value,
         period_ns: PERIOD_NS,
         asked_every_ns: [ASKS_EVERY_NS; 2],
@@ -20,7 +24,7 @@ fn report(seat: u32, of: &Asked) -> Report {
 }
 
 fn record(epoch: u64, hands: [u32; 2], at_ns: u64) -> Record {
-    Record { epoch, hands, at_ns }
+    Record { epoch, hands, at_ns, every_ns: ASKS_EVERY_NS }
 }
 
 /// Long after the last change of hands, with set points 101 to 110 of seat 0 and of its fallback on seat 1.
@@ -89,6 +93,7 @@ fn after_a_change_of_hands_a_report_may_lie_between_the_set_points_for_a_while()
     assert_eq!(reports().check(&between), Some(TripCause::ReportFalse));
     let mut changed = reports();
     assert!(changed.take_record(&record(2, [1, 0], change_ns)));
+    let between = Report { epoch: 2, ..between };
     assert_eq!(changed.check(&between), None);
     let outside = Report { value: [0.0; 4], ..between };
     assert_eq!(changed.check(&outside), Some(TripCause::ReportFalse));
@@ -99,7 +104,7 @@ fn after_a_change_of_hands_a_report_may_lie_between_the_set_points_for_a_while()
     let mut repeated = reports();
     assert!(repeated.take_record(&record(2, [1, 0], change_ns)));
     assert!(!repeated.take_record(&record(3, [1, 0], late.release_ns)), "it came too late");
-    assert_eq!(repeated.check(&late), None);
+    assert_eq!(repeated.check(&Report { epoch: 3, ..late }), None);
 }
 
 #[test]
@@ -152,6 +157,7 @@ fn a_trip_has_to_be_followed_within_two_periods_if_there_is_a_fallback() {
     assert_eq!(reports.check(&follows), None);
     let mut over = reports.clone();
     assert!(over.take_record(&record(2, [1, 0], trip_ns)));
+    let at = |periods: u64| Report { epoch: 2, ..at(periods) };
     assert_eq!(over.check(&at(3)), None, "of an owner that is none any more");
     for (hands, why) in [([0, NO_SEAT], "no fallback"), ([0, 2], "one that says nothing")] {
         assert!(reports.take_record(&record(2, hands, 0)));
@@ -208,4 +214,48 @@ fn a_slow_loop_may_track_a_set_point_that_is_older_than_all_that_are_known() {
         ..report(0, &fast(1_000))
     };
     assert_eq!([reports.check(&slow), reports.check(&slow), reports.check(&slow)], [None; 3]);
+}
+
+#[test]
+fn an_epoch_a_trip_or_a_fail_over_that_nothing_explains_is_a_false_report() {
+    let mut reports = reports();
+    let since_ns = asked(110, 1.0).valid_ns;
+    assert!(reports.take_record(&record(2, [0, 2], since_ns)));
+    (111..=125).for_each(|sequence| reports.ask(0, asked(sequence, 1.0)));
+    let truth = Report { epoch: 2, ..report(0, &asked(125, 1.0)) };
+    assert_eq!(reports.check(&truth), None);
+    let forged = [
+        Report { has_failed_over: true, ..truth },
+        Report { has_tripped: true, ..truth },
+        Report { epoch: 1, ..truth },
+        Report { epoch: 3, ..truth },
+    ];
+    for forged in forged {
+        let mut reports = reports.clone();
+        assert_eq!([reports.check(&forged), reports.check(&forged)], [None; 2]);
+        assert_eq!(reports.check(&forged), Some(TripCause::ReportFalse), "{forged:?}");
+    }
+    let refused = Report { epoch: 1, refused_epoch: 2, ..truth };
+    let found = [refused; 4].map(|report| reports.check(&report));
+    assert_eq!(found, [None; 4], "a record may come too late for the loop");
+
+    let follows = Report { seat: 2, has_failed_over: true, ..truth };
+    reports.ask(2, asked(125, 1.0));
+    let mut silent = reports.clone();
+    silent.listen(asked(125, 1.0).valid_ns + 3 * ASKS_EVERY_NS / 2);
+    assert!(!silent.may_have_failed_over());
+    silent.listen(asked(125, 1.0).valid_ns + 3 * ASKS_EVERY_NS / 2 + 1);
+    silent.ask(0, asked(127, 1.0));
+    assert_eq!([follows; 4].map(|report| silent.check(&report)), [None; 4], "the owner was silent");
+    let mut gap = reports.clone();
+    gap.ask(0, asked(127, 1.0));
+    assert!(gap.may_have_failed_over(), "nothing has looked between the two");
+    let mut tripped = reports.clone();
+    tripped.trip(0, truth.release_ns);
+    let follows = Report { has_tripped: true, ..follows };
+    assert_eq!([follows; 4].map(|report| tripped.check(&report)), [None; 4], "it has tripped");
+    // Without a fallback none can have taken over.
+    assert!(reports.take_record(&record(3, [0, NO_SEAT], truth.release_ns)));
+    reports.listen(truth.release_ns + 10 * ASKS_EVERY_NS);
+    assert!(!reports.may_have_failed_over());
 }
