@@ -59,11 +59,11 @@ impl Default for Limits {
     ///   2 weights.
     /// * `clipped_s`: so that a trip is in effect before the half second that a verdict forgives.
     /// * `thrust_speed_m_s`: the speed after a free fall of a twentieth of a second.
-    /// * `excursion_m`: a tenth of a metre less than the half within which the vehicle is to stay of where it would have
+    /// * `excursion_m`: some tenth of a metre less than the half within which the vehicle is to stay of where it would have
     ///   been (`swap_table patient` of the catalogue). Beside a failing controller in the other slot a fallback takes up to
-    ///   a tenth more than is predicted (`swap_table pairs`); but with 0.39 m a position controller trips in gusts that it
+    ///   a tenth more than is predicted (`swap_table pairs`); but with 0.40 m a position controller trips in a push that it
     ///   would bear (`false_trips`).
-    /// * `off_course_m`, `off_course_s`: three quarters of `excursion_m`, for longer than the vehicle needs to cover that
+    /// * `off_course_m`, `off_course_s`: some three quarters of `excursion_m`, for longer than the vehicle needs to cover that
     ///   distance.
     /// * `height_m`: the length of an arm, with the arms spread.
     fn default() -> Self {
@@ -79,7 +79,7 @@ impl Default for Limits {
             setpoint_thrust_weights: [0.2, 2.1],
             clipped_s: 0.45,
             thrust_speed_m_s: 0.5,
-            excursion_m: 0.4,
+            excursion_m: 0.405,
             off_course_m: 0.3,
             off_course_s: 1.0,
             height_m: 0.17,

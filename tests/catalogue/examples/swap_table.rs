@@ -296,6 +296,7 @@ fn not_flown(error: Box<dyn std::error::Error>) -> Swapped {
         excursion_m: f64::INFINITY,
         tilt_deg: f64::INFINITY,
         flipped: false,
+        trips: [0; Slot::COUNT],
         tripped_s: None,
         tripped_after_s: None,
         predicted_m: None,

@@ -32,14 +32,32 @@ pub enum Fault {
     Leak,
     /// The thrust is this many weights.
     Thrust,
-    /// Roll and pitch are this many of the largest command at once, with twice the weight's thrust.
+    /// Roll and pitch, or the axis alone, are this many of the largest command at once, with twice the weight's thrust.
     Slams,
+    /// The same, while the set point that is reported as tracked is zero.
+    SlamsAndLies,
     /// Roll and pitch change between this many of the largest command and its opposite every 50 ms.
     Sways,
     /// The heading turns by this many radians per second.
     Spins,
     /// The set point that is reported as tracked is zero.
     ReportsZero,
+    /// It is the one with which the fault began.
+    ReportsFrozen,
+    /// It has no thrust.
+    ReportsNoThrust,
+    /// It is said to be the fallback's, as if the position slot's owner had failed.
+    ReportsFailOver,
+    /// Roll and pitch are about the axes of the world, not of the body.
+    WorldFrame,
+    /// The reference is not received any more; of a position controller alone.
+    Deaf,
+    /// The vehicle is believed to move to the west at this speed \[m/s\], and is flown to the east against it.
+    WalksAway,
+    /// The process ends.
+    Exits,
+    /// It publishes nothing any more.
+    Silent,
     /// Trips of the other slot's owner are not received, from the first step on; of an attitude controller alone.
     IgnoresTrips,
     /// Each step sleeps for this many periods; for realtime flights only.
@@ -68,7 +86,16 @@ impl Fault {
             Self::Slams => "slams",
             Self::Sways => "sways",
             Self::Spins => "spins",
+            Self::SlamsAndLies => "slams-and-lies",
             Self::ReportsZero => "reports-zero",
+            Self::ReportsFrozen => "reports-frozen",
+            Self::ReportsNoThrust => "reports-no-thrust",
+            Self::ReportsFailOver => "reports-fail-over",
+            Self::WorldFrame => "world-frame",
+            Self::Deaf => "deaf",
+            Self::WalksAway => "walks-away",
+            Self::Exits => "exits",
+            Self::Silent => "silent",
             Self::IgnoresTrips => "ignores-trips",
             Self::Slow => "slow",
             Self::LateStart => "late-start",
@@ -127,10 +154,20 @@ impl Entry {
             Fault::UntilMorph => "works until the arms fold".to_owned(),
             Fault::Leak => format!("leak {:.0} %/s", 1e2 * amount),
             Fault::Thrust => format!("thrust of {amount} weights"),
+            Fault::Slams if self.axis > 0 => format!("slams x{amount} in {axis}"),
             Fault::Slams => format!("slams x{amount}"),
+            Fault::SlamsAndLies => format!("slams x{amount} and reports zero"),
             Fault::Sways => format!("sways x{amount}"),
             Fault::Spins => format!("spins at {amount} rad/s"),
             Fault::ReportsZero => "reports zero".to_owned(),
+            Fault::ReportsFrozen => "reports one set point".to_owned(),
+            Fault::ReportsNoThrust => "reports no thrust".to_owned(),
+            Fault::ReportsFailOver => "reports a fail-over".to_owned(),
+            Fault::WorldFrame => "roll and pitch of the world".to_owned(),
+            Fault::Deaf => "deaf to the reference".to_owned(),
+            Fault::WalksAway => format!("walks away at {amount} m/s"),
+            Fault::Exits => "ends".to_owned(),
+            Fault::Silent => "silent".to_owned(),
             Fault::IgnoresTrips => "ignores trips".to_owned(),
             Fault::Slow => format!("steps of {:.0} % of the period", 1e2 * amount),
             Fault::LateStart => format!("first command after {amount} s"),
@@ -141,9 +178,14 @@ impl Entry {
 
 /// Attitude controllers that are good or bad in ways that a position controller's fault finds out.
 #[must_use]
-pub fn entries_of_pairs() -> [Entry; 3] {
+pub fn entries_of_pairs() -> [Entry; 4] {
     let of = |fault| Entry::of(fault, 0, 0.0);
-    [of(Fault::Nothing), of(Fault::IgnoresTrips), of(Fault::ReportsZero).after(9.0)]
+    [
+        of(Fault::Nothing),
+        of(Fault::IgnoresTrips),
+        of(Fault::ReportsZero).after(9.0),
+        of(Fault::ReportsFailOver).after(9.0),
+    ]
 }
 
 /// Entries with a fault that shows only in realtime.
@@ -172,13 +214,30 @@ pub fn patient_entries(slot: Slot) -> Vec<Entry> {
         of(Fault::Leak, 0.2),
         of(Fault::Slams, 1.0),
         of(Fault::Slams, -2.0),
+        Entry::of(Fault::Slams, 1, 1.0),
         of(Fault::Sways, 1.0),
+        of(Fault::WorldFrame, 0.0),
+        of(Fault::Exits, 0.0),
+        of(Fault::Silent, 0.0),
         of(Fault::Thrust, 0.0),
         of(Fault::Thrust, 4.0),
     ];
     match slot {
-        Slot::Attitude => all.extend([axis(3), of(Fault::ReportsZero, 0.0)]),
-        Slot::Position => all.extend([axis(0), of(Fault::Spins, 1.0), of(Fault::Spins, 0.2)]),
+        Slot::Attitude => all.extend([
+            axis(3),
+            of(Fault::SlamsAndLies, 1.0),
+            of(Fault::ReportsZero, 0.0),
+            of(Fault::ReportsFrozen, 0.0),
+            of(Fault::ReportsNoThrust, 0.0),
+            of(Fault::ReportsFailOver, 0.0),
+        ]),
+        Slot::Position => all.extend([
+            axis(0),
+            of(Fault::Spins, 1.0),
+            of(Fault::Spins, 0.2),
+            of(Fault::Deaf, 0.0),
+            of(Fault::WalksAway, 0.5),
+        ]),
     }
     all.into_iter().map(|entry| entry.after(AFTER_S)).collect()
 }

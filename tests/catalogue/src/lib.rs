@@ -6,6 +6,7 @@
 
 mod altering;
 mod entry;
+mod heard;
 pub mod limits;
 mod spoiled;
 mod spoiler;
@@ -13,5 +14,6 @@ pub mod swapped;
 
 pub use altering::Altering;
 pub use entry::{Entry, Fault, entries, entries_of_pairs, late_entries, patient_entries};
+pub use heard::Heard;
 pub use spoiled::{Builder, Spoiled};
 pub use spoiler::{Seen, Spoiler};

@@ -1,13 +1,14 @@
 //! A service that wraps a shipped controller and applies a fault to its commands.
 
 use crate::altering::{spoil_setpoint, spoil_wrench};
+use crate::heard::pass_on;
 use crate::{Entry, Fault, Seen, Spoiler};
 use components::ServiceVisitor;
 use controller::attitude::Inputs as AttitudeInputs;
 use core::convert::Infallible;
 use host::{HostError, Joined};
 use runtime::clock::{mono_now_ns, sleep_until};
-use runtime::{Component, Ending, Input, Output, OutputSet as _, OutputVisitor, Service};
+use runtime::{Component, Ending, Output, OutputSet as _, OutputVisitor, Service};
 use shared_types::{AppliedSetpoint, AttitudeSetpoint, Sample, Topic, WrenchCommand};
 use std::any::Any;
 
@@ -19,15 +20,15 @@ pub struct Spoiled<S: Service> {
     period_ns: u64,
     /// Monotonic wall-clock instant of the first command, for [`Fault::LateStart`] \[ns\].
     first_command_mono_ns: Option<u64>,
-    /// The inputs without the trips, which the controller receives with [`Fault::IgnoresTrips`].
-    inputs_without_trips: S::Inputs,
+    /// What the controller receives, where its fault lies in that.
+    heard: S::Inputs,
 }
 
 impl<S: Service> Spoiled<S> {
     /// Wraps a controller with the period `period_ns` \[ns\].
     pub fn new(inner: S, spoiler: Spoiler, period_ns: u64) -> Self {
-        let inputs_without_trips = S::Inputs::default();
-        Self { inner, spoiler, period_ns, first_command_mono_ns: None, inputs_without_trips }
+        let heard = S::Inputs::default();
+        Self { inner, spoiler, period_ns, first_command_mono_ns: None, heard }
     }
 
     /// Sleeps as the timing faults require.
@@ -70,11 +71,8 @@ impl OutputVisitor for Spoil<'_> {
             spoil_wrench(self.spoiler, self.now_ns, command, self.seen);
         } else if let Some(command) = any.downcast_mut::<AttitudeSetpoint>() {
             spoil_setpoint(self.spoiler, self.now_ns, command, self.seen);
-        } else if let Some(report) = any.downcast_mut::<AppliedSetpoint>()
-            && self.spoiler.misreports(self.now_ns)
-        {
-            (report.thrust_n, report.roll_rad, report.pitch_rad, report.yaw_rad) =
-                (0.0, 0.0, 0.0, 0.0);
+        } else if let Some(report) = any.downcast_mut::<AppliedSetpoint>() {
+            *report = self.spoiler.report(self.now_ns, *report);
         } else {
             return Ok(());
         }
@@ -90,9 +88,15 @@ impl<S: Service + 'static> Service for Spoiled<S> {
 
     fn step(&mut self, now_ns: u64, inputs: &S::Inputs, outputs: &mut S::Outputs) {
         self.dawdle();
-        if self.spoiler.entry().fault == Fault::IgnoresTrips {
-            pass_on_but_trips(now_ns, inputs, &mut self.inputs_without_trips);
-            self.inner.step(now_ns, &self.inputs_without_trips, outputs);
+        if self.spoiler.ends(now_ns) {
+            std::process::exit(0);
+        }
+        if self.spoiler.is_silent(now_ns) {
+            return self.inner.step(now_ns, inputs, &mut S::Outputs::default());
+        }
+        if let Some(heard) = self.spoiler.hears(now_ns) {
+            pass_on(now_ns, heard, inputs, &mut self.heard);
+            self.inner.step(now_ns, &self.heard, outputs);
         } else {
             self.inner.step(now_ns, inputs, outputs);
         }
@@ -110,27 +114,6 @@ impl<S: Service + 'static> Service for Spoiled<S> {
 
     fn track(&mut self, now_ns: u64, inputs: &S::Inputs) {
         self.inner.track(now_ns, inputs);
-    }
-}
-
-/// Passes on what an attitude controller has received in a step, except trips.
-fn pass_on_but_trips(now_ns: u64, from: &dyn Any, to: &mut dyn Any) {
-    fn pass_on<T: Sample>(now_ns: u64, from: &Input<T>, to: &mut Input<T>) {
-        if let (None, Some(before)) = (to.latest(), from.before_fresh()) {
-            to.offer(*before);
-            to.accept(now_ns, None);
-        }
-        from.fresh().iter().for_each(|sample| to.offer(*sample));
-        to.accept(now_ns, None);
-    }
-    if let (Some(from), Some(to)) =
-        (from.downcast_ref::<AttitudeInputs>(), to.downcast_mut::<AttitudeInputs>())
-    {
-        pass_on(now_ns, &from.state_estimate, &mut to.state_estimate);
-        pass_on(now_ns, &from.attitude_setpoint, &mut to.attitude_setpoint);
-        pass_on(now_ns, &from.applied_command, &mut to.applied_command);
-        pass_on(now_ns, &from.morph_command, &mut to.morph_command);
-        pass_on(now_ns, &from.position_owner, &mut to.position_owner);
     }
 }
 

@@ -1,7 +1,8 @@
 //! Applies a fault to a command.
 
+use crate::heard::Heard;
 use crate::{Entry, Fault};
-use shared_types::StateEstimate;
+use shared_types::{AppliedSetpoint, Flag, StateEstimate};
 use std::collections::VecDeque;
 
 /// Number of past commands that are kept for a delay, more than any entry needs.
@@ -18,6 +19,8 @@ pub struct Seen {
     pub tilt_rad: f64,
     /// Rate of the morph angle \[rad/s\].
     pub morph_rate_rad_s: f64,
+    /// Heading of body x \[rad\].
+    pub heading_rad: f64,
 }
 
 impl From<&StateEstimate> for Seen {
@@ -25,7 +28,10 @@ impl From<&StateEstimate> for Seen {
         let q = &estimate.q_wb;
         // 1 − 2 (x² + y²) is the cosine of the tilt.
         let half = (q.x * q.x + q.y * q.y).sqrt().min(1.0);
-        Self { tilt_rad: 2.0 * libm::asin(half), morph_rate_rad_s: estimate.morph_rate_rad_s }
+        let heading_rad =
+            libm::atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z));
+        let tilt_rad = 2.0 * libm::asin(half);
+        Self { tilt_rad, morph_rate_rad_s: estimate.morph_rate_rad_s, heading_rad }
     }
 }
 
@@ -40,6 +46,8 @@ pub struct Spoiler {
     began_ns: Option<u64>,
     /// The command with which the fault began.
     first: Option<[f64; 4]>,
+    /// The report with which it began.
+    reported: Option<AppliedSetpoint>,
     morphed: bool,
     past: VecDeque<(u64, [f64; 4])>,
 }
@@ -50,7 +58,7 @@ impl Spoiler {
     #[must_use]
     pub fn new(entry: Entry, largest: [f64; 4]) -> Self {
         let past = VecDeque::with_capacity(KEPT);
-        Self { entry, largest, began_ns: None, first: None, morphed: false, past }
+        Self { entry, largest, began_ns: None, first: None, reported: None, morphed: false, past }
     }
 
     /// The entry with the fault that is applied.
@@ -77,6 +85,13 @@ impl Spoiler {
         match self.entry.fault {
             Fault::Nothing
             | Fault::ReportsZero
+            | Fault::ReportsFrozen
+            | Fault::ReportsNoThrust
+            | Fault::ReportsFailOver
+            | Fault::Deaf
+            | Fault::WalksAway
+            | Fault::Exits
+            | Fault::Silent
             | Fault::IgnoresTrips
             | Fault::Slow
             | Fault::LateStart => command,
@@ -98,7 +113,15 @@ impl Spoiler {
             Fault::UntilMorph if self.morphed => turned,
             Fault::Leak => biased(amount * faulty_s),
             Fault::Thrust => [amount * weight, roll, pitch, yaw],
-            Fault::Slams => [2.0 * weight, amount * most_roll, amount * most_pitch, yaw],
+            Fault::Slams | Fault::SlamsAndLies => match self.entry.axis {
+                1 => [2.0 * weight, amount * most_roll, pitch, yaw],
+                2 => [2.0 * weight, roll, amount * most_pitch, yaw],
+                _ => [2.0 * weight, amount * most_roll, amount * most_pitch, yaw],
+            },
+            Fault::WorldFrame => {
+                let (sin, cos) = libm::sincos(seen.heading_rad);
+                [thrust, cos * roll - sin * pitch, sin * roll + cos * pitch, yaw]
+            }
             Fault::Sways => {
                 let side = if (faulty_s / SWAY_S).floor() % 2.0 == 0.0 { amount } else { -amount };
                 [thrust, side * most_roll, side * most_pitch, yaw]
@@ -115,9 +138,49 @@ impl Spoiler {
         (faulty_s >= 0.0).then_some(faulty_s)
     }
 
-    /// True if a report of the step at `now_ns` \[ns\] is false.
-    pub fn misreports(&mut self, now_ns: u64) -> bool {
-        self.entry.fault == Fault::ReportsZero && self.faulty_s(now_ns).is_some()
+    /// The report of the set point with the fault, in place of the good one of the step at `now_ns` \[ns\].
+    pub fn report(&mut self, now_ns: u64, report: AppliedSetpoint) -> AppliedSetpoint {
+        if self.faulty_s(now_ns).is_none() {
+            return report;
+        }
+        let of = |thrust_n: f64, roll_rad: f64, pitch_rad: f64, yaw_rad: f64| AppliedSetpoint {
+            thrust_n,
+            roll_rad,
+            pitch_rad,
+            yaw_rad,
+            ..report
+        };
+        match self.entry.fault {
+            Fault::ReportsZero | Fault::SlamsAndLies => of(0.0, 0.0, 0.0, 0.0),
+            Fault::ReportsFrozen => *self.reported.get_or_insert(report),
+            Fault::ReportsNoThrust => of(0.0, report.roll_rad, report.pitch_rad, report.yaw_rad),
+            Fault::ReportsFailOver => AppliedSetpoint { failed_over: Flag::Yes, ..report },
+            _ => report,
+        }
+    }
+
+    /// What of its inputs the controller gets in the step at `now_ns` \[ns\]; `None` if all.
+    pub fn hears(&mut self, now_ns: u64) -> Option<Heard> {
+        let faulty_s = self.faulty_s(now_ns);
+        let all = Heard { trips: true, references: true, east_m: 0.0 };
+        match self.entry.fault {
+            Fault::IgnoresTrips => Some(Heard { trips: false, ..all }),
+            Fault::Deaf => Some(Heard { references: faulty_s.is_none(), ..all }),
+            Fault::WalksAway => {
+                Some(Heard { east_m: -self.entry.amount * faulty_s.unwrap_or(0.0), ..all })
+            }
+            _ => None,
+        }
+    }
+
+    /// True if nothing is to be published of the step at `now_ns` \[ns\].
+    pub fn is_silent(&mut self, now_ns: u64) -> bool {
+        self.entry.fault == Fault::Silent && self.faulty_s(now_ns).is_some()
+    }
+
+    /// True if the process is to end in the step at `now_ns` \[ns\].
+    pub fn ends(&mut self, now_ns: u64) -> bool {
+        self.entry.fault == Fault::Exits && self.faulty_s(now_ns).is_some()
     }
 
     fn late(&mut self, now_ns: u64, command: [f64; 4], delay_s: f64) -> [f64; 4] {
@@ -156,6 +219,10 @@ mod tests {
         assert!((spoiled(Fault::Gain, 0, 3.0, still)[0] - 1.3).abs() < 1e-12);
         assert!((spoiled(Fault::Bias, 0, 0.2, still)[1] - 0.03).abs() < 1e-12);
         let tilted = Seen { tilt_rad: 0.2, ..still };
+        assert_eq!(spoiled(Fault::Slams, 1, 1.0, still), [2.0, 0.1, -0.02, 0.003]);
+        let west = Seen { heading_rad: core::f64::consts::FRAC_PI_2, ..still };
+        let turned = spoiled(Fault::WorldFrame, 0, 0.0, west);
+        assert!((turned[1] - 0.02).abs() < 1e-12 && (turned[2] - 0.01).abs() < 1e-12);
         assert_eq!(spoiled(Fault::Diverges, 0, 10.0, still), COMMAND);
         assert_eq!(spoiled(Fault::Diverges, 0, 10.0, tilted), [1.1, -0.01, 0.02, 0.003]);
     }
@@ -182,7 +249,21 @@ mod tests {
         assert_eq!(frozen.spoil(2, COMMAND, still), frozen.spoil(5, [0.0; 4], still));
         let mut zeroed = after(Fault::ReportsZero, 0.0, 0.7);
         assert_eq!(zeroed.spoil(0, COMMAND, still), COMMAND);
-        assert_eq!([699_999_999, 700_000_000].map(|t_ns| zeroed.misreports(t_ns)), [false, true]);
+        let good = AppliedSetpoint { thrust_n: 1.0, roll_rad: 0.1, ..AppliedSetpoint::default() };
+        let said = |it: AppliedSetpoint| (it.thrust_n, it.roll_rad, it.failed_over.is_set());
+        let reports = [699_999_999, 700_000_000].map(|t_ns| said(zeroed.report(t_ns, good)));
+        assert_eq!(reports, [(1.0, 0.1, false), (0.0, 0.0, false)]);
+        let mut against = after(Fault::ReportsFailOver, 0.0, 0.0);
+        assert_eq!(said(against.report(0, good)), (1.0, 0.1, true));
+        let mut stays = after(Fault::ReportsFrozen, 0.0, 0.0);
+        let reports = [good, AppliedSetpoint::default()].map(|it| said(stays.report(0, it)));
+        assert_eq!(reports, [(1.0, 0.1, false); 2]);
+        let mut walks = after(Fault::WalksAway, 0.5, 1.0);
+        let east_m = [0, 1_000_000_000, 3_000_000_000]
+            .map(|t_ns| walks.hears(t_ns).map(|heard| heard.east_m));
+        assert_eq!(east_m, [Some(0.0), Some(0.0), Some(-1.0)]);
+        let mut ends = after(Fault::Exits, 0.0, 0.5);
+        assert_eq!([0, 500_000_000].map(|t_ns| ends.ends(t_ns)), [false, true]);
         let mut climbs = after(Fault::Thrust, 4.0, 0.5);
         let mut spins = after(Fault::Spins, 1.0, 0.5);
         for t_ns in [0, 500_000_000, 1_500_000_000] {

@@ -42,23 +42,27 @@ pub struct Situation {
     pub name: &'static str,
     scenario: &'static str,
     set: &'static [&'static str],
+    /// Orders as of `--goto` and `--morph`.
+    orders: [&'static [&'static str]; 2],
 }
 
-/// Hover, figure eight with its sweeps, sweeps alone, and gusts. The arms move in all of them, because some
-/// faults show only then.
-pub const SITUATIONS: [Situation; 4] = [
+/// Hover, figure eight with its sweeps, sweeps alone, gusts, close to the ground, and by order from place to place. The
+/// arms move in all of them, because some faults show only then.
+pub const SITUATIONS: [Situation; 6] = [
     Situation {
         name: "hover",
         scenario: "hover",
         set: &["pilot.morph=[[0.0,45.0],[6.0,45.0],[6.5,160.0],[7.5,160.0],[8.0,45.0]]"],
+        orders: [&[], &[]],
     },
-    Situation { name: "figure8", scenario: "figure8-morph", set: &[] },
+    Situation { name: "figure8", scenario: "figure8-morph", set: &[], orders: [&[], &[]] },
     Situation {
         name: "sweep",
         scenario: "hover",
         set: &[
             "pilot.morph=[[0.0,45.0],[2.0,45.0],[2.5,160.0],[3.0,160.0],[3.4,45.0],[5.0,45.0],[5.3,160.0],[8.0,160.0],[8.3,45.0]]",
         ],
+        orders: [&[], &[]],
     },
     Situation {
         name: "gusts",
@@ -67,6 +71,22 @@ pub const SITUATIONS: [Situation; 4] = [
             "disturbance_injector.script=[{kind=\"wind\",mean_w_m_s=[3.0,1.0,0.0],sigma_m_s=[1.5,1.5,0.5]}]",
             "pilot.morph=[[0.0,45.0],[7.0,45.0],[7.5,160.0],[8.0,160.0],[8.4,45.0]]",
         ],
+        orders: [&[], &[]],
+    },
+    Situation {
+        name: "low",
+        scenario: "hover",
+        set: &[
+            "start.position_w_m=[0.0,0.0,0.4]",
+            "pilot.morph=[[0.0,45.0],[6.0,45.0],[6.5,160.0],[7.5,160.0],[8.0,45.0]]",
+        ],
+        orders: [&[], &[]],
+    },
+    Situation {
+        name: "orders",
+        scenario: "hover",
+        set: &[],
+        orders: [&["0.5,0.3,1.5,90@5s", "0.0,0.0,1.2,0@8.5s"], &["150@6s,over=1s"]],
     },
 ];
 
@@ -149,6 +169,8 @@ pub struct Swapped {
     pub tilt_deg: f64,
     /// True if the candidate ever commanded.
     pub flipped: bool,
+    /// Trips by slot, in the order of [`Slot::ALL`].
+    pub trips: [usize; Slot::COUNT],
     /// Effective instant of the first trip \[s\]; `None` if there was no trip.
     pub tripped_s: Option<f64>,
     /// Time from the first step of the slot's candidate to that instant \[s\].
@@ -170,6 +192,10 @@ fn scenario(
 ) -> Result<Scenario, ScenarioError> {
     let set = situation.set.iter().map(|set| Override::set(set));
     let mut edits: Vec<Override> = set.collect::<Result<_, _>>()?;
+    let [gotos, morphs] = situation.orders;
+    let gotos = gotos.iter().map(|order| Override::goto(order));
+    let orders = gotos.chain(morphs.iter().map(|order| Override::morph(order)));
+    edits.extend(orders.collect::<Result<Vec<_>, _>>()?);
     edits.extend([Override::seed(seed), Override::clock("lockstep")]);
     edits.push(Override::set("scenario.duration_s=11.0")?);
     edits.extend(more.iter().cloned());
@@ -473,6 +499,8 @@ fn judge(course: &Course, plain: &Plain, swaps: &[ReportedSwap]) -> Swapped {
             .first()
             .filter(|trip| trip.cause == PREDICTS && trip.lasted_s <= 0.0)
             .map(|t| t.distance_m),
+        trips: Slot::ALL
+            .map(|slot| course.trips.iter().filter(|trip| trip.slot == slot.role()).count()),
         tripped_s: course.trips.first().map(|trip| trip.header.valid_ns as f64 * 1e-9),
         tripped_after_s: course.trips.first().and_then(|trip| {
             let slots = Slot::ALL.into_iter().zip(course.first_ns);
