@@ -294,7 +294,7 @@ fn an_untrusted_owner_that_fails_after_its_window_falls_back_to_the_last_proven_
 
 /// Nothing but the death of the owner has made it one, and no window or order names it.
 #[test]
-fn a_standby_that_a_user_brings_is_watched_once_it_commands_and_has_a_fallback() {
+fn a_standby_of_a_user_is_watched_once_it_commands_and_has_a_fallback() {
     let folder = TempDir::new().expect("a folder");
     let turns = config(&folder, "gain", 8.0, -1.0);
     let standby = folder.path().join("brought");
@@ -313,7 +313,7 @@ fn a_standby_that_a_user_brings_is_watched_once_it_commands_and_has_a_fallback()
     assert!(flown.number("position_max_m") < 0.5, "{output_text}");
 }
 
-/// A trip is told before the successor is confirmed, which a flight may not live to see.
+/// A trip is known before the successor is confirmed, for which a flight may be too short.
 #[test]
 fn a_swap_whose_owner_trips_just_before_the_end_is_taken_back() {
     let folder = TempDir::new().expect("a folder");

@@ -253,7 +253,7 @@ impl Bench {
 }
 
 #[test]
-fn a_standby_that_is_not_trusted_is_watched_as_the_owner_and_gets_a_trusted_fallback() {
+fn an_untrusted_standby_is_watched_as_the_owner_and_gets_a_trusted_fallback() {
     let mut bench = Bench::with_brought_standby(SlotConfig::LOCKSTEP);
     bench.at(2000 * MS).on(Event::Died(SEAT[0]));
     let record = bench.record();
@@ -281,7 +281,7 @@ fn of_two_that_are_not_trusted_neither_is_the_fallback_of_the_other() {
 }
 
 #[test]
-fn an_owner_that_is_not_trusted_is_watched_when_it_is_started_again_and_that_is_once() {
+fn an_untrusted_owner_is_started_again_once_and_watched_then() {
     for keeps_fallback in [true, false] {
         let config = SlotConfig { keeps_fallback, ..SlotConfig::LOCKSTEP };
         let mut bench = Bench::watched(config);
