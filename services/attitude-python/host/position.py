@@ -75,12 +75,14 @@ class Position:
         """Notes what the attitude loop in command follows; shadows report what they would, too."""
         owners, applied = loop.inputs["attitude_owner"], loop.inputs["applied_setpoint"]
         plant = loop.inputs["applied_command"].value
+        # Without a fallback the gate flies after a trip, until the owner is followed again.
+        is_held = plant is not None and plant.tripped and plant.command_sequence == 0
+        has_failed = is_held or (plant is not None and plant.failed_over)
         known = [owners.value_of(one) for one in (owners.before, *owners.fresh) if one is not None]
         for standing in ("owner", "fallback"):
             for sample in reversed(applied.fresh):
                 judges = [record for record in known if record.header.valid_ns <= sample.valid_ns]
                 if judges and getattr(judges[-1], standing) == sample.seat:
-                    has_failed = plant is not None and (plant.failed_over or plant.tripped)
                     if standing == "owner" and has_failed and plant.epoch == judges[-1].epoch:
                         break
                     report = applied.value_of(sample)

@@ -155,13 +155,19 @@ class PositionLaw(unittest.TestCase):
 
     def test_an_owner_that_the_plant_has_left_is_not_believed(self):
         followed = Fields(setpoint_sequence=1, roll_rad=0.05, pitch_rad=-0.1, thrust_n=1.3)
-        for epoch, failed_over, tripped, is_followed in (
-            (2, True, False, False),
-            (2, False, True, False),
-            (2, False, False, True),
-            (1, True, True, True),
+        for epoch, failed_over, tripped, command_sequence, is_followed in (
+            (2, True, False, 1, False),
+            (2, False, True, 0, False),
+            (2, False, True, 1, True),
+            (2, False, False, 0, True),
+            (1, True, True, 0, True),
         ):
-            self.plant = Fields(epoch=epoch, failed_over=failed_over, tripped=tripped)
+            self.plant = Fields(
+                epoch=epoch,
+                failed_over=failed_over,
+                tripped=tripped,
+                command_sequence=command_sequence,
+            )
             thrust_n = self.step((0.0, 0.0, 0.0), followed)[2]
             self.assertEqual(abs(thrust_n - 1.3) < 1e-6, is_followed)
 

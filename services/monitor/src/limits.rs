@@ -59,7 +59,7 @@ impl Default for Limits {
     ///   2 weights.
     /// * `clipped_s`: so that a trip is in effect before the half second that a verdict forgives.
     /// * `thrust_speed_m_s`: the speed after a free fall of a twentieth of a second.
-    /// * `excursion_m`: some tenth of a metre less than the half within which the vehicle is to stay of where it would have
+    /// * `excursion_m`: about a tenth of a metre less than the half within which the vehicle is to stay of where it would have
     ///   been (`swap_table patient` of the catalogue). Beside a failing controller in the other slot a fallback takes up to
     ///   a tenth more than is predicted (`swap_table pairs`); but with 0.40 m a position controller trips in a push that it
     ///   would bear (`false_trips`).

@@ -138,6 +138,13 @@ fn apart(one: &[f64; 4], other: &[f64; 4]) -> [f64; 4] {
     [roll, pitch, wrap_pi(yaw), thrust].map(f64::abs)
 }
 
+impl ReportsMemory {
+    /// From a set point of the position slot's owner until it counts as silent \[ns\].
+    fn gap_ns(&self) -> u64 {
+        self.every_ns.saturating_mul(3) / 2
+    }
+}
+
 impl AskedBySeat {
     fn known(&self) -> impl Iterator<Item = &Asked> {
         self.asked.iter().filter(|asked| asked.sequence > 0)
@@ -184,9 +191,8 @@ impl Reports {
     /// may leave it for its fallback, since they may have received less of it.
     pub fn listen(&mut self, until_ns: u64) {
         let memory = &mut self.memory;
-        let gap_ns = memory.every_ns.saturating_mul(3) / 2;
         let has_fallback = memory.hands[1] != NO_SEAT;
-        if has_fallback && until_ns > memory.heard_ns.saturating_add(gap_ns) {
+        if has_fallback && until_ns > memory.heard_ns.saturating_add(memory.gap_ns()) {
             memory.lapsed = memory.epoch;
         }
     }
@@ -199,12 +205,20 @@ impl Reports {
 
     /// Takes the record of the position slot that is in effect; true if owner or fallback are others than before.
     pub fn take_record(&mut self, record: &Record) -> bool {
-        let has_changed = record.hands != self.memory.hands;
-        self.memory.every_ns = record.every_ns;
+        let memory = &mut self.memory;
+        let has_changed = record.hands != memory.hands;
+        if memory.epoch == 0 && record.epoch > 1 {
+            // What there was before this monitor is not known.
+            memory.lapsed = record.epoch;
+        }
+        memory.every_ns = record.every_ns;
+        if record.hands[0] != memory.hands[0] {
+            // It is left as soon as what its predecessor asked for is over, which it did at its own rate.
+            memory.heard_ns = record.at_ns.saturating_sub(memory.gap_ns());
+        }
         if has_changed {
-            self.memory.hands = record.hands;
-            self.memory.tripped = NO_SEAT;
-            self.memory.heard_ns = record.at_ns;
+            memory.hands = record.hands;
+            memory.tripped = NO_SEAT;
         }
         if record.epoch != self.memory.epoch {
             self.memory.epoch = record.epoch;
@@ -260,8 +274,7 @@ impl Reports {
             return report.refused_epoch != memory.epoch
                 && report.release_ns > memory.changed_ns.saturating_add(within_ns);
         }
-        report.has_tripped && memory.tripped == NO_SEAT
-            || report.has_failed_over && !self.may_have_failed_over()
+        (report.has_tripped || report.has_failed_over) && !self.may_have_failed_over()
     }
 
     /// The tripped owner is still followed when it should not be any more, although the fallback is there.

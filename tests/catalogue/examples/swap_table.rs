@@ -297,6 +297,7 @@ fn not_flown(error: Box<dyn std::error::Error>) -> Swapped {
         tilt_deg: f64::INFINITY,
         flipped: false,
         trips: [0; Slot::COUNT],
+        epochs: [0; Slot::COUNT],
         tripped_s: None,
         tripped_after_s: None,
         predicted_m: None,

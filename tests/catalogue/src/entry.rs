@@ -35,7 +35,7 @@ pub enum Fault {
     /// Roll and pitch, or the axis alone, are this many of the largest command at once, with twice the weight's thrust.
     Slams,
     /// The same, while the set point that is reported as tracked is zero.
-    SlamsAndLies,
+    SlamsAndReportsZero,
     /// Roll and pitch change between this many of the largest command and its opposite every 50 ms.
     Sways,
     /// The heading turns by this many radians per second.
@@ -48,10 +48,14 @@ pub enum Fault {
     ReportsNoThrust,
     /// It is said to be the fallback's, as if the position slot's owner had failed.
     ReportsFailOver,
+    /// The position slot's owner is said to have tripped.
+    ReportsTrip,
+    /// It is said to be of an epoch that has not come.
+    ReportsEpoch,
     /// Roll and pitch are about the axes of the world, not of the body.
     WorldFrame,
     /// The reference is not received any more; of a position controller alone.
-    Deaf,
+    NoReferences,
     /// The vehicle is believed to move to the west at this speed \[m/s\], and is flown to the east against it.
     WalksAway,
     /// The process ends.
@@ -86,13 +90,15 @@ impl Fault {
             Self::Slams => "slams",
             Self::Sways => "sways",
             Self::Spins => "spins",
-            Self::SlamsAndLies => "slams-and-lies",
+            Self::SlamsAndReportsZero => "slams-and-reports-zero",
             Self::ReportsZero => "reports-zero",
             Self::ReportsFrozen => "reports-frozen",
             Self::ReportsNoThrust => "reports-no-thrust",
             Self::ReportsFailOver => "reports-fail-over",
+            Self::ReportsTrip => "reports-trip",
+            Self::ReportsEpoch => "reports-epoch",
             Self::WorldFrame => "world-frame",
-            Self::Deaf => "deaf",
+            Self::NoReferences => "no-references",
             Self::WalksAway => "walks-away",
             Self::Exits => "exits",
             Self::Silent => "silent",
@@ -156,15 +162,17 @@ impl Entry {
             Fault::Thrust => format!("thrust of {amount} weights"),
             Fault::Slams if self.axis > 0 => format!("slams x{amount} in {axis}"),
             Fault::Slams => format!("slams x{amount}"),
-            Fault::SlamsAndLies => format!("slams x{amount} and reports zero"),
+            Fault::SlamsAndReportsZero => format!("slams x{amount} and reports zero"),
             Fault::Sways => format!("sways x{amount}"),
             Fault::Spins => format!("spins at {amount} rad/s"),
             Fault::ReportsZero => "reports zero".to_owned(),
             Fault::ReportsFrozen => "reports one set point".to_owned(),
             Fault::ReportsNoThrust => "reports no thrust".to_owned(),
             Fault::ReportsFailOver => "reports a fail-over".to_owned(),
+            Fault::ReportsTrip => "reports a trip".to_owned(),
+            Fault::ReportsEpoch => "reports another epoch".to_owned(),
             Fault::WorldFrame => "roll and pitch of the world".to_owned(),
-            Fault::Deaf => "deaf to the reference".to_owned(),
+            Fault::NoReferences => "no more references".to_owned(),
             Fault::WalksAway => format!("walks away at {amount} m/s"),
             Fault::Exits => "ends".to_owned(),
             Fault::Silent => "silent".to_owned(),
@@ -225,17 +233,19 @@ pub fn patient_entries(slot: Slot) -> Vec<Entry> {
     match slot {
         Slot::Attitude => all.extend([
             axis(3),
-            of(Fault::SlamsAndLies, 1.0),
+            of(Fault::SlamsAndReportsZero, 1.0),
             of(Fault::ReportsZero, 0.0),
             of(Fault::ReportsFrozen, 0.0),
             of(Fault::ReportsNoThrust, 0.0),
             of(Fault::ReportsFailOver, 0.0),
+            of(Fault::ReportsTrip, 0.0),
+            of(Fault::ReportsEpoch, 0.0),
         ]),
         Slot::Position => all.extend([
             axis(0),
             of(Fault::Spins, 1.0),
             of(Fault::Spins, 0.2),
-            of(Fault::Deaf, 0.0),
+            of(Fault::NoReferences, 0.0),
             of(Fault::WalksAway, 0.5),
         ]),
     }

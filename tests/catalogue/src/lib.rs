@@ -6,14 +6,14 @@
 
 mod altering;
 mod entry;
-mod heard;
 pub mod limits;
+mod received;
 mod spoiled;
 mod spoiler;
 pub mod swapped;
 
 pub use altering::Altering;
 pub use entry::{Entry, Fault, entries, entries_of_pairs, late_entries, patient_entries};
-pub use heard::Heard;
+pub use received::Received;
 pub use spoiled::{Builder, Spoiled};
 pub use spoiler::{Seen, Spoiler};

@@ -1,7 +1,7 @@
 //! A service that wraps a shipped controller and applies a fault to its commands.
 
 use crate::altering::{spoil_setpoint, spoil_wrench};
-use crate::heard::pass_on;
+use crate::received::pass_on;
 use crate::{Entry, Fault, Seen, Spoiler};
 use components::ServiceVisitor;
 use controller::attitude::Inputs as AttitudeInputs;
@@ -21,14 +21,14 @@ pub struct Spoiled<S: Service> {
     /// Monotonic wall-clock instant of the first command, for [`Fault::LateStart`] \[ns\].
     first_command_mono_ns: Option<u64>,
     /// What the controller receives, where its fault lies in that.
-    heard: S::Inputs,
+    received: S::Inputs,
 }
 
 impl<S: Service> Spoiled<S> {
     /// Wraps a controller with the period `period_ns` \[ns\].
     pub fn new(inner: S, spoiler: Spoiler, period_ns: u64) -> Self {
-        let heard = S::Inputs::default();
-        Self { inner, spoiler, period_ns, first_command_mono_ns: None, heard }
+        let received = S::Inputs::default();
+        Self { inner, spoiler, period_ns, first_command_mono_ns: None, received }
     }
 
     /// Sleeps as the timing faults require.
@@ -94,9 +94,9 @@ impl<S: Service + 'static> Service for Spoiled<S> {
         if self.spoiler.is_silent(now_ns) {
             return self.inner.step(now_ns, inputs, &mut S::Outputs::default());
         }
-        if let Some(heard) = self.spoiler.hears(now_ns) {
-            pass_on(now_ns, heard, inputs, &mut self.heard);
-            self.inner.step(now_ns, &self.heard, outputs);
+        if let Some(received) = self.spoiler.receives(now_ns) {
+            pass_on(now_ns, received, inputs, &mut self.received);
+            self.inner.step(now_ns, &self.received, outputs);
         } else {
             self.inner.step(now_ns, inputs, outputs);
         }

@@ -1,6 +1,6 @@
 //! Applies a fault to a command.
 
-use crate::heard::Heard;
+use crate::received::Received;
 use crate::{Entry, Fault};
 use shared_types::{AppliedSetpoint, Flag, StateEstimate};
 use std::collections::VecDeque;
@@ -88,7 +88,9 @@ impl Spoiler {
             | Fault::ReportsFrozen
             | Fault::ReportsNoThrust
             | Fault::ReportsFailOver
-            | Fault::Deaf
+            | Fault::ReportsTrip
+            | Fault::ReportsEpoch
+            | Fault::NoReferences
             | Fault::WalksAway
             | Fault::Exits
             | Fault::Silent
@@ -113,7 +115,7 @@ impl Spoiler {
             Fault::UntilMorph if self.morphed => turned,
             Fault::Leak => biased(amount * faulty_s),
             Fault::Thrust => [amount * weight, roll, pitch, yaw],
-            Fault::Slams | Fault::SlamsAndLies => match self.entry.axis {
+            Fault::Slams | Fault::SlamsAndReportsZero => match self.entry.axis {
                 1 => [2.0 * weight, amount * most_roll, pitch, yaw],
                 2 => [2.0 * weight, roll, amount * most_pitch, yaw],
                 _ => [2.0 * weight, amount * most_roll, amount * most_pitch, yaw],
@@ -151,23 +153,25 @@ impl Spoiler {
             ..report
         };
         match self.entry.fault {
-            Fault::ReportsZero | Fault::SlamsAndLies => of(0.0, 0.0, 0.0, 0.0),
+            Fault::ReportsZero | Fault::SlamsAndReportsZero => of(0.0, 0.0, 0.0, 0.0),
             Fault::ReportsFrozen => *self.reported.get_or_insert(report),
             Fault::ReportsNoThrust => of(0.0, report.roll_rad, report.pitch_rad, report.yaw_rad),
             Fault::ReportsFailOver => AppliedSetpoint { failed_over: Flag::Yes, ..report },
+            Fault::ReportsTrip => AppliedSetpoint { tripped: Flag::Yes, ..report },
+            Fault::ReportsEpoch => AppliedSetpoint { epoch: u64::MAX, ..report },
             _ => report,
         }
     }
 
     /// What of its inputs the controller gets in the step at `now_ns` \[ns\]; `None` if all.
-    pub fn hears(&mut self, now_ns: u64) -> Option<Heard> {
+    pub fn receives(&mut self, now_ns: u64) -> Option<Received> {
         let faulty_s = self.faulty_s(now_ns);
-        let all = Heard { trips: true, references: true, east_m: 0.0 };
+        let all = Received { trips: true, references: true, east_m: 0.0 };
         match self.entry.fault {
-            Fault::IgnoresTrips => Some(Heard { trips: false, ..all }),
-            Fault::Deaf => Some(Heard { references: faulty_s.is_none(), ..all }),
+            Fault::IgnoresTrips => Some(Received { trips: false, ..all }),
+            Fault::NoReferences => Some(Received { references: faulty_s.is_none(), ..all }),
             Fault::WalksAway => {
-                Some(Heard { east_m: -self.entry.amount * faulty_s.unwrap_or(0.0), ..all })
+                Some(Received { east_m: -self.entry.amount * faulty_s.unwrap_or(0.0), ..all })
             }
             _ => None,
         }
@@ -260,7 +264,7 @@ mod tests {
         assert_eq!(reports, [(1.0, 0.1, false); 2]);
         let mut walks = after(Fault::WalksAway, 0.5, 1.0);
         let east_m = [0, 1_000_000_000, 3_000_000_000]
-            .map(|t_ns| walks.hears(t_ns).map(|heard| heard.east_m));
+            .map(|t_ns| walks.receives(t_ns).map(|received| received.east_m));
         assert_eq!(east_m, [Some(0.0), Some(0.0), Some(-1.0)]);
         let mut ends = after(Fault::Exits, 0.0, 0.5);
         assert_eq!([0, 500_000_000].map(|t_ns| ends.ends(t_ns)), [false, true]);

@@ -6,7 +6,9 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use observe::Observer;
 use record::read::RecordedFlight;
 use scenario::{Override, Scenario};
-use shared_types::{GateMode, Header, Sample, Slot, Topic, Trip, TripCause, Truth, topics};
+use shared_types::{
+    GateMode, Header, OwnerRecord, Sample, Slot, Topic, Trip, TripCause, Truth, topics,
+};
 use simulate::in_process::{Conclusion, InProcess, InProcessError, Outside, StateSource};
 use std::any::Any;
 use std::path::Path;
@@ -118,6 +120,8 @@ impl Guard {
 struct Course {
     truths: Vec<Truth>,
     trips: Vec<Trip>,
+    /// Epoch of the last owner record of each slot, in the order of [`Slot::ALL`].
+    epochs: [u64; Slot::COUNT],
     cut: bool,
     /// First step of a candidate in each slot, in the order of [`Slot::ALL`] \[ns\].
     first_ns: [Option<u64>; 2],
@@ -142,6 +146,11 @@ impl Observer for Course {
         let any: &dyn Any = sample;
         self.truths.extend(any.downcast_ref::<Truth>());
         self.trips.extend(any.downcast_ref::<Trip>());
+        if let Some(record) = any.downcast_ref::<OwnerRecord>() {
+            let slots = Slot::ALL.into_iter().zip(&mut self.epochs);
+            let of_slot = slots.filter(|(slot, _)| slot.role() == record.slot);
+            of_slot.for_each(|(_, epoch)| *epoch = record.epoch);
+        }
         if let Some(applied) = any.downcast_ref::<shared_types::AppliedCommand>() {
             self.cut |= applied.mode == GateMode::Cut;
         }
@@ -171,6 +180,8 @@ pub struct Swapped {
     pub flipped: bool,
     /// Trips by slot, in the order of [`Slot::ALL`].
     pub trips: [usize; Slot::COUNT],
+    /// Epoch of the last owner record of each slot, in that order.
+    pub epochs: [u64; Slot::COUNT],
     /// Effective instant of the first trip \[s\]; `None` if there was no trip.
     pub tripped_s: Option<f64>,
     /// Time from the first step of the slot's candidate to that instant \[s\].
@@ -501,6 +512,7 @@ fn judge(course: &Course, plain: &Plain, swaps: &[ReportedSwap]) -> Swapped {
             .map(|t| t.distance_m),
         trips: Slot::ALL
             .map(|slot| course.trips.iter().filter(|trip| trip.slot == slot.role()).count()),
+        epochs: course.epochs,
         tripped_s: course.trips.first().map(|trip| trip.header.valid_ns as f64 * 1e-9),
         tripped_after_s: course.trips.first().and_then(|trip| {
             let slots = Slot::ALL.into_iter().zip(course.first_ns);

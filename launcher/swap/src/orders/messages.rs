@@ -42,7 +42,7 @@ pub(super) fn progress(slot: Slot, step: &Step, name: impl Fn(Seat) -> String) -
         Step::Replaced(..) => ("replaced", None),
         Step::Commands(_) => ("commands", None),
         Step::StandbyLost(..) => ("standby lost", None),
-        Step::StandbyGivenUp(_) => ("standby given up", None),
+        Step::StandbyGivenUp(_) | Step::StandbyUntrusted(_) => ("standby given up", None),
         Step::Left(_) => ("left", None),
     };
     progress_of(slot, word, at_ns, &text)

@@ -9,6 +9,7 @@ use crate::orders::{Executable, Orders};
 use crate::{FlightError, PostNote};
 use scenario::Scenario;
 use scenario::candidate::Candidate;
+use scenario::services::Assignment;
 use shared_types::{ClockMode, OwnerRecord, Seat as Place, Slot};
 use slot::record::Record;
 use slot::supervisor::Instance;
@@ -24,8 +25,14 @@ impl Slots {
         let rehearsing = Rehearsing::of(scenario);
         let mut orders = Orders::default();
         orders.set_rehearses(rehearsing.is_enabled);
+        let assignment = Assignment::of(scenario.settings());
+        let homes = Slot::ALL.map(|slot| {
+            let candidate = Candidate::Service(assignment.name(slot.role()));
+            (slot, orders.program(Executable::new(candidate, None)))
+        });
         Self {
             machines: Machines::new(),
+            homes: BTreeMap::from(homes),
             states: BTreeMap::new(),
             consumers: Consumers::default(),
             orders,
@@ -79,8 +86,9 @@ impl Slots {
             seated[seat.index()] = programs[seat.index()].map(|program| (program, instance));
         }
         let config = self.config;
+        let home = self.homes.get(&slot).copied().unwrap_or(owner);
         let (machine, actions) =
-            slot::SlotMachine::adopt(config, context.now, &record, owner, seated);
+            slot::SlotMachine::adopt(config, context.now, &record, [owner, home], seated);
         self.machines.insert(slot, machine);
         self.states.insert(slot, SlotState::default());
         self.carry_out(slot, actions, context)

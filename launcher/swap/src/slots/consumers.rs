@@ -40,7 +40,7 @@ impl Consumers {
     }
 
     /// Keeps back what the watched controller on a seat says against the owner that it is to follow, until `due_ns`; the
-    /// rest of its report is returned. What it does not say any more was nothing.
+    /// rest of its report is returned. A claim that is no longer made is dropped.
     pub(super) fn keep_claim(&mut self, by_seat: u32, followed: Followed, due_ns: u64) -> Followed {
         let is_claim = followed.failed_over || followed.tripped;
         self.claim = is_claim.then_some(Claim { by_seat, followed, due_ns });
@@ -48,8 +48,8 @@ impl Consumers {
     }
 
     /// What has been kept back and is due, once.
-    pub(super) fn take_due(&mut self, now_ns: u64) -> Option<(u32, Followed)> {
-        let claim = self.claim.take_if(|claim| claim.due_ns <= now_ns)?;
+    pub(super) fn take_due(&mut self, until_ns: u64) -> Option<(u32, Followed)> {
+        let claim = self.claim.take_if(|claim| claim.due_ns <= until_ns)?;
         Some((claim.by_seat, claim.followed))
     }
 

@@ -58,10 +58,7 @@ impl Slots {
     ) -> Result<(), FlightError> {
         let role = match seen {
             Seen::Angle { at_ns, angle_rad } => return self.see_angle(*at_ns, *angle_rad, context),
-            Seen::Trip(trip) => {
-                self.report_trip(trip);
-                return Ok(());
-            }
+            Seen::Trip(trip) => return self.see_trip(trip, context),
             Seen::Command(command) => command.slot,
             Seen::HasSetpoint { .. } => Role::Attitude,
             Seen::Follows { slot, .. }
@@ -73,6 +70,10 @@ impl Slots {
             *followed = self.consumers.take(*by_seat, *followed);
         }
         let Some(slot) = self.slot_of(role) else { return Ok(()) };
+        if let Seen::Follows { followed, .. } = &seen {
+            // What was due before is no longer to be taken back.
+            self.take_claim(followed.at_ns, context)?;
+        }
         let decides = self.consumers.flying().or_else(|| self.owner_seat(Role::Attitude));
         let Some(state) = self.states.get_mut(&slot) else { return Ok(()) };
         match seen {
@@ -116,6 +117,16 @@ impl Slots {
         }
     }
 
+    fn see_trip(&mut self, trip: &Trip, context: &mut SlotContext<'_>) -> Result<(), FlightError> {
+        self.take_claim(trip.header.release_ns, context)?;
+        self.report_trip(trip);
+        match trip.slot {
+            // An attitude controller may have said so already.
+            Role::Position => self.take_claim(u64::MAX, context),
+            _ => Ok(()),
+        }
+    }
+
     /// The monitor has tripped an owner: why, and what follows.
     fn report_trip(&mut self, trip: &Trip) {
         let (Some(slot), Some(seat)) = (self.slot_of(trip.slot), Seat::new(trip.instance)) else {
@@ -142,9 +153,16 @@ impl Slots {
         );
         self.orders.explain(slot, seat, &TripReason(trip).to_string());
         if let Some(state) = self.states.get_mut(&slot) {
-            state.tripped_seat = Some(seat);
+            state.tripped_owner = Some((seat, trip.epoch));
         }
         self.add_news(text, true);
+    }
+
+    /// The seat of an owner that the monitor has tripped by the newest record, so that no successor is known yet.
+    pub(super) fn unconfirmed_trip(&self, slot: Slot) -> Option<Seat> {
+        let record = self.machines.get(&slot)?.record()?;
+        let tripped = self.states.get(&slot)?.tripped_owner;
+        tripped.filter(|it| *it == (record.owner, record.epoch)).map(|(seat, _)| seat)
     }
 
     fn see_angle(
@@ -178,7 +196,8 @@ impl Slots {
     }
 
     /// The attitude controller that flies reports which seat of the position slot it follows. What one that is watched
-    /// says against the owner counts only after the monitor has had time to find it false.
+    /// says against the owner counts at once if the monitor has said the same, else only after the monitor has had time to
+    /// find it false.
     fn attitude_follows(
         &mut self,
         slot: Slot,
@@ -186,28 +205,37 @@ impl Slots {
         followed: Followed,
         context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
-        let record = self.machines.get(&Slot::Attitude).and_then(slot::SlotMachine::record);
-        let watched = record.filter(|r| r.watched && u32::from(r.owner) == by_seat);
-        let Some(record) = watched else {
+        let newest = |slot: Slot| self.machines.get(&slot).and_then(slot::SlotMachine::record);
+        let watched = newest(Slot::Attitude).filter(|r| r.watched && u32::from(r.owner) == by_seat);
+        let (Some(attitude), Some(position)) = (watched, newest(slot)) else {
             return self.consumer_follows(slot, &followed, context);
         };
-        let period_ns = record.period_ns[record.owner.index()];
+        if followed.epoch > position.epoch {
+            // No record of it has been written.
+            return Ok(());
+        }
+        let tripped = self.states.get(&slot).and_then(|state| state.tripped_owner);
+        if tripped == Some((position.owner, followed.epoch)) {
+            return self.consumer_follows(slot, &followed, context);
+        }
+        let period_ns = attitude.period_ns[attitude.owner.index()];
         let within_ns = CLAIM_NS.saturating_add(period_ns.saturating_mul(FALSE_REPORTS));
         let due_ns = followed.at_ns.saturating_add(within_ns);
         let followed = self.consumers.keep_claim(by_seat, followed, due_ns);
         self.consumer_follows(slot, &followed, context)
     }
 
-    /// What an attitude controller has said against the position slot's owner counts now, if it has not tripped since.
-    pub(super) fn take_claim(&mut self, context: &mut SlotContext<'_>) -> Result<(), FlightError> {
-        let due = self.consumers.take_due(context.now.logical_ns);
-        let Some(((by_seat, followed), slot)) = due.zip(self.slot_of(Role::Position)) else {
-            return Ok(());
-        };
-        let attitude = self.states.get(&Slot::Attitude);
-        let has_tripped = attitude.and_then(|state| state.tripped_seat).map(u32::from);
-        let owner = self.owner_seat(Role::Attitude);
-        if owner == Some(by_seat) && has_tripped != owner {
+    /// What an attitude controller has said against the position slot's owner counts if it was due by `until_ns`, and the
+    /// controller has not tripped before.
+    pub(super) fn take_claim(
+        &mut self,
+        until_ns: u64,
+        context: &mut SlotContext<'_>,
+    ) -> Result<(), FlightError> {
+        let Some(slot) = self.slot_of(Role::Position) else { return Ok(()) };
+        let Some((by_seat, followed)) = self.consumers.take_due(until_ns) else { return Ok(()) };
+        let commands = self.owner_seat(Role::Attitude) == Some(by_seat);
+        if commands && self.unconfirmed_trip(Slot::Attitude).is_none() {
             return self.consumer_follows(slot, &followed, context);
         }
         Ok(())

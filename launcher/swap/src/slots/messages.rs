@@ -50,6 +50,7 @@ impl Slots {
                         | Step::Replaced(..)
                         | Step::StandbyLost(..)
                         | Step::StandbyGivenUp(_)
+                        | Step::StandbyUntrusted(_)
                 )
             }
         };
@@ -74,10 +75,7 @@ impl Slots {
         match step {
             Step::Flipped { seat, .. } => state.commanding[seat.index()] = state.current,
             // Another process has the seat next.
-            Step::Left(seat) | Step::Joined { seat, .. } => {
-                state.commanding[seat.index()] = None;
-                state.tripped_seat.take_if(|tripped| *tripped == *seat);
-            }
+            Step::Left(seat) | Step::Joined { seat, .. } => state.commanding[seat.index()] = None,
             _ => {}
         }
         let Some(report) = state.current.and_then(|at| self.reports.get_mut(at)) else { return };
@@ -181,9 +179,9 @@ impl Slots {
 
     /// An owner that has tripped has lost its slot, although the flight ended before its successor was confirmed.
     fn end_tripped(&mut self, slot: Slot) {
-        let owner = self.machines.get(&slot).and_then(|m| m.record()).map(|record| record.owner);
-        let Some(state) = self.states.get(&slot) else { return };
-        let Some(seat) = state.tripped_seat.filter(|seat| owner == Some(*seat)) else { return };
+        let Some((seat, state)) = self.unconfirmed_trip(slot).zip(self.states.get(&slot)) else {
+            return;
+        };
         let why = "the monitor tripped it, and the flight ended";
         if state.current.is_some() && state.current == state.commanding[seat.index()] {
             self.end(slot, why, (SwapEnd::TakenBack, false));

@@ -40,7 +40,7 @@ use scenario::candidate::Candidate;
 use scenario::orders::Planner;
 use shared_types::{ClockMode, Role, Seat as Place, Slot};
 use slot::supervisor::{Event, Fault, Now, SlotConfig};
-use slot::{SEATS, Seat};
+use slot::{Program, SEATS, Seat};
 use std::collections::BTreeMap;
 use vehicle::VehicleParameters;
 
@@ -72,8 +72,8 @@ struct SlotState {
     commanding: [Option<usize>; SEATS],
     /// Seats whose processes a fault of the script has struck.
     struck: Vec<Seat>,
-    /// The seat of the process that the monitor has tripped last, until another process has it.
-    tripped_seat: Option<Seat>,
+    /// The seat that the monitor has tripped last, and the epoch of the record by which its process was judged.
+    tripped_owner: Option<(Seat, u64)>,
     /// Of the consumer, as far as the protocol has been given it.
     acknowledged: u64,
     refused_epoch: u64,
@@ -115,6 +115,8 @@ impl core::fmt::Debug for SlotContext<'_> {
 #[derive(Debug)]
 pub struct Slots {
     machines: Machines,
+    /// What each slot begins with.
+    homes: BTreeMap<Slot, Program>,
     states: BTreeMap<Slot, SlotState>,
     consumers: Consumers,
     orders: Orders,
@@ -151,18 +153,21 @@ impl Slots {
         let takes_turns = mode == ClockMode::Lockstep && !scenario.settings().timing.is_empty();
         orders.set_services_only(takes_turns);
         let (mut machines, mut states) = (Machines::new(), BTreeMap::new());
+        let mut homes = BTreeMap::new();
         for slot in Slot::ALL {
             let spec = specs.iter().find(|(role, _)| *role == slot.role());
             let found = spec.and_then(|(_, spec)| Candidate::find(slot, &spec.name).ok());
             let Some(candidate) = found else { continue };
             let program = orders.program(Executable::new(candidate, None));
             orders.seat(slot, Seat::ALL[0], program);
+            homes.insert(slot, program);
             machines.insert(slot, slot::SlotMachine::new(config, Seat::ALL[0], program));
             states.insert(slot, SlotState::default());
         }
         let (reports, news) = (Vec::new(), Vec::new());
         Self {
             machines,
+            homes,
             states,
             consumers: Consumers::default(),
             orders,
@@ -245,16 +250,24 @@ impl Slots {
         for event in context.posts.take_events() {
             self.take_event(&event, context)?;
         }
-        self.take_claim(context)?;
+        self.take_claim(context.now.logical_ns, context)?;
         self.take_rehearsals(context)?;
         for slot in Slot::ALL {
             self.check_timeouts(slot, context)?;
-            let deadline_ns = self.machines.get(&slot).and_then(slot::SlotMachine::deadline_ns);
-            if deadline_ns.is_some_and(|at_ns| at_ns <= context.now.logical_ns) {
+            if slot == Slot::Position && self.is_time_up(slot, context.now) {
+                // A window is not closed over what is said against the new owner.
+                self.take_claim(u64::MAX, context)?;
+            }
+            if self.is_time_up(slot, context.now) {
                 self.feed(slot, Event::Time, context)?;
             }
         }
         Ok(())
+    }
+
+    fn is_time_up(&self, slot: Slot, now: Now) -> bool {
+        let deadline_ns = self.machines.get(&slot).and_then(slot::SlotMachine::deadline_ns);
+        deadline_ns.is_some_and(|at_ns| at_ns <= now.logical_ns)
     }
 
     /// Feeds an event to the protocol and does what it wants done.

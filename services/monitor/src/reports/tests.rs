@@ -254,6 +254,23 @@ fn an_epoch_a_trip_or_a_fail_over_that_nothing_explains_is_a_false_report() {
     tripped.trip(0, truth.release_ns);
     let follows = Report { has_tripped: true, ..follows };
     assert_eq!([follows; 4].map(|report| tripped.check(&report)), [None; 4], "it has tripped");
+    // A new owner is left at once if it says nothing, and not if it begins at the instant of its record.
+    let flip = record(3, [2, 0], truth.release_ns);
+    let mut mute = reports.clone();
+    assert!(mute.take_record(&flip));
+    let mut speaks = mute.clone();
+    mute.listen(truth.release_ns + 1);
+    assert!(mute.may_have_failed_over());
+    speaks.ask(2, Asked { valid_ns: truth.release_ns, ..asked(125, 1.0) });
+    speaks.listen(truth.release_ns + PERIOD_NS);
+    assert!(!speaks.may_have_failed_over());
+    // Another fallback makes no silence of the owner's shorter.
+    silent.take_record(&record(3, [0, 3], truth.release_ns + 8 * ASKS_EVERY_NS));
+    silent.listen(truth.release_ns + 8 * ASKS_EVERY_NS);
+    assert!(silent.may_have_failed_over());
+    let mut late = Reports::new(4.0);
+    late.take_record(&record(7, [0, 1], truth.release_ns));
+    assert!(late.may_have_failed_over(), "it does not know what there was");
     // Without a fallback none can have taken over.
     assert!(reports.take_record(&record(3, [0, NO_SEAT], truth.release_ns)));
     reports.listen(truth.release_ns + 10 * ASKS_EVERY_NS);

@@ -239,8 +239,8 @@ impl SetpointSlot {
 
 impl Input<AppliedSetpoint> {
     /// The newest report of the attitude slot's owner in this step; the fallback's, if there is one, if the owner
-    /// reports nothing any more, or has tripped or failed, as `plant` shows: what it reports is not what flies
-    /// then, although it may report on. Shadows report what they track too.
+    /// reports nothing any more, or the plant does not follow it any more, as `plant` shows: what it reports is not what
+    /// flies then, although it may report on. Shadows report what they track too.
     #[must_use]
     pub fn in_command(
         &self,
@@ -253,8 +253,9 @@ impl Input<AppliedSetpoint> {
         let has_failed = |report: &&AppliedSetpoint| {
             let epoch = records.in_effect_at(report.header.valid_ns).map(|record| record.epoch);
             plant.is_some_and(|plant| {
-                let is_out = plant.failed_over.is_set() || plant.tripped.is_set();
-                is_out && Some(plant.epoch) == epoch
+                // Without a fallback the gate flies after a trip, until the owner is followed again.
+                let is_held = plant.tripped.is_set() && plant.command_sequence == 0;
+                (plant.failed_over.is_set() || is_held) && Some(plant.epoch) == epoch
             })
         };
         let owners = newest(Authority::Owner).filter(|report| !has_failed(report));

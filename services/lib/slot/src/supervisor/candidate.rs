@@ -214,8 +214,8 @@ impl SlotMachine {
     fn flip(&mut self, now: Now, old: Seat, new: Seat, order: SwapTerms, out: &mut Vec<Action>) {
         self.forget_standby(new);
         let epoch = self.ledger.epoch() + 1;
-        let is_trusted = !order.force && self.is_trusted(new);
-        if !is_trusted && !self.config.keeps_fallback && self.standby.is_none() {
+        self.untrusted[new.index()] = order.force;
+        if !self.is_trusted(new) && !self.config.keeps_fallback && self.standby.is_none() {
             step(out, Step::WithoutFallback(new));
         }
         let least_ns = order.rollback_ns.max(self.instances.period_ns(new)).max(1);
@@ -237,14 +237,15 @@ impl SlotMachine {
     ) {
         out.push(Action::Report(Report::Done(new, Outcome::Swapped)));
         let Phase::Window { until_ns, order, .. } = self.phase else { return };
-        let is_trusted = !order.force && self.is_trusted(new);
-        let last = Some(old).filter(|old| self.is_trusted(*old));
-        self.untrusted = order.force.then_some(new);
-        let stays = if is_trusted {
+        let stays = if self.is_trusted(new) {
             self.drop_automatic_standby(out);
             false
+        } else if may_stay {
+            let last = Some(old).filter(|old| self.is_trusted(*old));
+            self.keep_fallback(last, order.shadow_ns, out)
         } else {
-            may_stay && self.keep_fallback(last, order.shadow_ns, out)
+            self.give_up_untrusted_standby(out);
+            false
         };
         self.settle(until_ns.min(now.logical_ns));
         if stays {
@@ -267,14 +268,7 @@ impl SlotMachine {
             return false;
         }
         let last = last.filter(|last| self.instances.is_seated(*last));
-        if let Some(standby) = self.standby.filter(|standby| !standby.program.is_trusted) {
-            // Of two that are not trusted, neither is the other's fallback.
-            step(out, Step::StandbyGivenUp(standby.program));
-            self.standby = None;
-            if let Some(seat) = standby.seat {
-                self.dismiss(seat, out);
-            }
-        }
+        self.give_up_untrusted_standby(out);
         let is_there = self.standby.is_some_and(|standby| standby.seat.is_some());
         if is_there || last.is_none() && self.standby.is_some() {
             return false;
@@ -291,6 +285,17 @@ impl SlotMachine {
             refused: false,
         });
         last.is_some()
+    }
+
+    /// Of two that are not trusted, neither is the other's fallback.
+    fn give_up_untrusted_standby(&mut self, out: &mut Vec<Action>) {
+        let keeps_fallback = self.config.keeps_fallback;
+        let untrusted = |standby: &mut Standby| keeps_fallback && !standby.program.is_trusted;
+        let Some(standby) = self.standby.take_if(untrusted) else { return };
+        step(out, Step::StandbyUntrusted(standby.program));
+        if let Some(seat) = standby.seat {
+            self.dismiss(seat, out);
+        }
     }
 
     /// Sends a standby away that is there for an owner that no longer commands.

@@ -30,8 +30,7 @@ pub struct SlotConfig {
     pub tries_max: u32,
     /// Standbys lost in a row, or refused, before there shall be none.
     pub standby_losses_max: u32,
-    /// An owner that is not trusted has one that is as its fallback: the last owner, or the program that the flight began
-    /// with.
+    /// An owner that is not trusted has a trusted fallback: the last owner, or the program that the flight began with.
     pub keeps_fallback: bool,
     /// From a rehearsal's instant until its answer is about a flight that is past.
     pub rehearsal_ns: u64,

@@ -8,7 +8,7 @@ pub struct Program {
     /// Its place in the launcher's own list.
     pub number: u32,
     /// It may command its slot alone. Any other is watched for as long as it commands, whatever made it the owner, and
-    /// has one that is trusted as its fallback.
+    /// has a trusted fallback.
     pub is_trusted: bool,
 }
 

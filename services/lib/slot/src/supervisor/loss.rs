@@ -200,7 +200,6 @@ impl SlotMachine {
             }
             _ => {}
         }
-        self.untrusted = self.untrusted.filter(|untrusted| *untrusted != seat);
         if let Some(heir) = heir {
             let is_trusted = self.is_trusted(heir);
             self.standby.take_if(|standby| standby.automatic && is_trusted);
@@ -232,6 +231,7 @@ impl SlotMachine {
         });
         self.phase = Phase::Ownerless { seat, at_ns: None };
         if relapsed {
+            self.untrusted[seat.index()] = false;
             self.instances.set(seat, InstanceState::Starting(self.home));
             step(out, Step::Replaced(seat, self.home));
             out.push(Action::Spawn(seat, self.home));

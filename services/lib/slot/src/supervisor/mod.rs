@@ -138,8 +138,9 @@ pub struct SlotMachine {
     restarted: Option<(Program, u64)>,
     /// An owner without usable commands, and when it is sent away.
     useless: Option<Useless>,
-    /// An owner that is not trusted although its program is: it was let through by force, or found watched.
-    untrusted: Option<Seat>,
+    /// By seat: what sits there is not trusted although its program is, since it was let through by force, or found
+    /// watched.
+    untrusted: [bool; SEATS],
 }
 
 /// An owner that is there, does not command, and has no fallback.
@@ -168,20 +169,20 @@ impl SlotMachine {
             home: program,
             restarted: None,
             useless: None,
-            untrusted: None,
+            untrusted: [false; SEATS],
         }
     }
 
     /// A slot found in flight: the newest record that its supervisor had written, and which processes are there.
     /// One that is neither owner nor fallback is sent away; an owner that is not there is replaced, or
-    /// started again as an instance of `owner`. If the consumer follows the fallback, send
-    /// [`Event::FailedOver`] next.
+    /// started again as an instance of `owner`; `home` is what the flight began with. If the consumer follows the fallback,
+    /// send [`Event::FailedOver`] next.
     #[must_use]
     pub fn adopt(
         config: SlotConfig,
         now: Now,
         record: &Record,
-        owner: Program,
+        [owner, home]: [Program; 2],
         seated: [Option<(Program, Instance)>; SEATS],
     ) -> (Self, Vec<Action>) {
         let state = |process: Option<(Program, Instance)>| {
@@ -213,11 +214,12 @@ impl SlotMachine {
             ledger,
             phase,
             standby,
-            home: owner,
+            home,
             restarted: None,
             useless: None,
-            untrusted: record.watched.then_some(record.owner),
+            untrusted: [false; SEATS],
         };
+        slot.untrusted[record.owner.index()] = record.watched;
         let mut actions = Vec::new();
         for seat in Seat::ALL {
             if seat != record.owner && Some(seat) != record.fallback {
@@ -225,6 +227,10 @@ impl SlotMachine {
             }
         }
         if slot.instances.is_seated(record.owner) {
+            if slot.standby.is_none() && !slot.is_trusted(record.owner) {
+                slot.keep_fallback(None, config.standby_shadow_ns, &mut actions);
+                slot.settle(now.logical_ns);
+            }
             slot.publish(now, record.owner, None, &mut actions);
         } else {
             slot.instances.set(record.owner, InstanceState::Starting(owner));
@@ -348,7 +354,7 @@ impl SlotMachine {
     /// True if what sits there may command the slot alone.
     fn is_trusted(&self, seat: Seat) -> bool {
         let program = self.instances.state(seat).program();
-        self.untrusted != Some(seat) && program.is_none_or(|program| program.is_trusted)
+        !self.untrusted[seat.index()] && program.is_none_or(|program| program.is_trusted)
     }
 
     /// True if `seat` is taken by a process that is there or on the way, leaving included.

@@ -120,6 +120,9 @@ impl SlotMachine {
                     self.revert(now, new, old, false, out);
                 } else {
                     // There is no way back; the record goes on being written.
+                    if !self.is_trusted(new) {
+                        self.keep_fallback(None, self.config.standby_shadow_ns, out);
+                    }
                     self.settle(now.logical_ns);
                     self.publish(now, new, None, out);
                 }

@@ -65,6 +65,11 @@ pub enum Reason {
     /// There is a standby.
     #[error("{0} already stands by: retire it first")]
     StandbyExists(Seat),
+    /// Neither the owner nor its standby would be trusted.
+    #[error(
+        "{0} commands and is not trusted, so that its standby has to be: name a built-in controller"
+    )]
+    UntrustedStandby(Seat),
     /// No swap can be undone any more.
     #[error(
         "there is no swap to roll back: none was made, or its old owner has left; `swap --rollback 30s` keeps it so long"
@@ -108,6 +113,7 @@ impl Reason {
             | Self::VacantSeat(_)
             | Self::OwnsTheSlot(_)
             | Self::StandbyExists(_)
+            | Self::UntrustedStandby(_)
             | Self::NothingToRollBack => 2,
             Self::Busy(_) | Self::Ownerless(_) | Self::NoFreeSeat | Self::NotInCommand(_) => 3,
             _ => 1,

@@ -96,6 +96,8 @@ pub enum Step {
     StandbyLost(Seat, Fault),
     /// The standby has been lost too often and is given up.
     StandbyGivenUp(Program),
+    /// Neither it nor the owner is trusted: it is given up for one that is.
+    StandbyUntrusted(Program),
     /// An instance that was to leave has left.
     Left(Seat),
 }
@@ -169,6 +171,9 @@ impl core::fmt::Display for Step {
             Self::Commands(seat) => write!(f, "{seat} commands"),
             Self::StandbyLost(seat, fault) => write!(f, "the standby on {seat} is lost: {fault}"),
             Self::StandbyGivenUp(_) => f.write_str("the standby is given up"),
+            Self::StandbyUntrusted(_) => f.write_str(
+                "the standby makes room for a built-in controller, since the owner is not built in either",
+            ),
             Self::Left(seat) => write!(f, "{seat} is free"),
         }
     }

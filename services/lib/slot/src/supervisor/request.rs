@@ -63,6 +63,7 @@ impl SlotMachine {
 
     fn spawn(&mut self, program: Program, goal: Goal, out: &mut Vec<Action>) -> Result<(), Reason> {
         let seat = self.instances.free().ok_or(Reason::NoFreeSeat)?;
+        self.untrusted[seat.index()] = false;
         self.instances.set(seat, InstanceState::Starting(program));
         self.phase = Phase::Joining { seat, goal };
         out.push(Action::Spawn(seat, program));
@@ -139,6 +140,11 @@ impl SlotMachine {
             return Err(Reason::StandbyExists(seat));
         }
         self.be_at_rest()?;
+        if let Some(owner) = self.ledger.owner().filter(|owner| !self.is_trusted(*owner))
+            && !program.is_trusted
+        {
+            return Err(Reason::UntrustedStandby(owner));
+        }
         self.spawn(program, Goal::Standby { shadow_ns, rehearse }, out)?;
         self.standby = Some(Standby {
             program,

@@ -44,6 +44,7 @@ fn an_owner_that_the_plant_does_not_follow_any_more_is_not_believed() {
         ..AppliedCommand::default()
     };
     let tripped = AppliedCommand { tripped: Flag::Yes, ..plant(2, false) };
+    let followed = AppliedCommand { command_sequence: 7, ..tripped };
     let both = [(60, 2), (60, 0)];
     assert_eq!(in_command(&both, Some(&plant(2, false))), Some((60, 2)));
     assert_eq!(in_command(&both, Some(&plant(2, true))), Some((60, 0)));
@@ -51,6 +52,7 @@ fn an_owner_that_the_plant_does_not_follow_any_more_is_not_believed() {
     assert_eq!(in_command(&both, Some(&plant(1, true))), Some((60, 2)), "of an epoch that is over");
     assert_eq!(in_command(&both, Some(&tripped)), Some((60, 0)));
     assert_eq!(in_command(&both[..1], Some(&tripped)), None, "also without a fallback");
+    assert_eq!(in_command(&both[..1], Some(&followed)), Some((60, 2)), "followed again");
 }
 
 #[test]

@@ -61,10 +61,16 @@ proptest! {
         let mut slot = SlotMachine::new(config, SEAT[0], program(0));
         let mut t = 0;
         let mut newest: Option<Record> = None;
+        let mut programs = [program(0); SEATS];
         for (event, later_ns) in events {
             t += later_ns;
             for action in slot.on(Now { logical_ns: t, allowed_ns: t }, event) {
+                if let Action::Spawn(seat, program) = action {
+                    programs[seat.index()] = program;
+                }
                 let Action::Publish(record) = action else { continue };
+                let is_trusted = |seat: Seat| programs[seat.index()].is_trusted;
+                prop_assert!(record.watched || is_trusted(record.owner), "watched by what it is");
                 if let Some(before) = newest {
                     prop_assert!(record.epoch > before.epoch);
                     prop_assert!(record.effective_ns >= before.effective_ns);
@@ -73,6 +79,10 @@ proptest! {
                 prop_assert_ne!(record.fallback, Some(record.owner));
                 prop_assert!(record.fallback.is_none_or(|seat| record.is_taken(seat)));
                 newest = Some(record);
+                if let Phase::Steady { .. } = slot.phase {
+                    let is_fit = record.fallback.is_none_or(is_trusted);
+                    prop_assert!(is_fit || is_trusted(record.owner), "two that are not trusted");
+                }
             }
         }
     }

@@ -172,13 +172,13 @@ fn a_new_supervisor_goes_on_from_the_record_and_sends_strangers_away() {
     }
     let now = before.now;
     let (slot, actions) =
-        SlotMachine::adopt(SlotConfig::REALTIME, now, &before.record(), program(0), seated);
+        SlotMachine::adopt(SlotConfig::REALTIME, now, &before.record(), [program(0); 2], seated);
     let record = *slot.record().unwrap();
     assert_eq!(record.epoch, before.record().epoch + 1);
     assert_eq!((record.owner, record.fallback), (SEAT[0], Some(SEAT[1])));
     assert!(actions.contains(&Action::AwaitExit(SEAT[2])));
     seated[0] = None;
     let (slot, _) =
-        SlotMachine::adopt(SlotConfig::REALTIME, now, &before.record(), program(0), seated);
+        SlotMachine::adopt(SlotConfig::REALTIME, now, &before.record(), [program(0); 2], seated);
     assert_eq!(slot.record().unwrap().owner, SEAT[1], "the owner is not there any more");
 }

@@ -258,7 +258,7 @@ fn an_untrusted_standby_is_watched_as_the_owner_and_gets_a_trusted_fallback() {
     bench.at(2000 * MS).on(Event::Died(SEAT[0]));
     let record = bench.record();
     assert_eq!((record.owner, record.fallback, record.watched), (SEAT[1], None, true));
-    let given_up = Action::Report(Report::Step(Step::StandbyGivenUp(brought(2))));
+    let given_up = Action::Report(Report::Step(Step::StandbyUntrusted(brought(2))));
     assert!(bench.has(|action| *action == given_up), "{:?}", bench.actions);
     bench.confirm().wait().home_joins(SEAT[0]);
     let record = bench.record();
@@ -305,4 +305,48 @@ fn an_untrusted_owner_is_started_again_once_and_watched_then() {
         let spawned = Action::Spawn(SEAT[1], program(0));
         assert!(bench.has(|action| *action == spawned), "{:?}", bench.actions);
     }
+}
+
+#[test]
+fn a_forced_controller_is_watched_after_a_restart_too_and_not_in_its_next_process() {
+    let mut bench = Bench::new(SlotConfig::LOCKSTEP);
+    let forced = SwapTerms { force: true, ..order(200 * MS) };
+    bench.at(1000 * MS).on(Event::Request(Request::Swap(Target::New(program(1)), forced)));
+    bench.on(Event::Ready(SEAT[1], instance(8))).confirm().wait().wait().pass(SEAT[1]);
+    bench.confirm().wait();
+    assert_eq!((bench.record().fallback, bench.record().watched), (Some(SEAT[0]), true));
+    bench.confirm().on(Event::Died(SEAT[0])).on(Event::Died(SEAT[1])).wait();
+    bench.on(Event::Ready(SEAT[1], instance(8)));
+    assert_eq!((bench.record().owner, bench.record().watched), (SEAT[1], true));
+    bench.confirm().wait().home_joins(SEAT[0]);
+    bench.on(Event::Died(SEAT[1]));
+    assert_eq!((bench.record().owner, bench.record().watched), (SEAT[0], false));
+    // Another process on the seat is another matter.
+    bench.confirm().on(Event::Request(Request::Swap(Target::New(program(1)), order(200 * MS))));
+    bench.on(Event::Ready(SEAT[1], instance(7))).confirm().wait().pass(SEAT[1]).confirm().wait();
+    assert_eq!((bench.record().owner, bench.record().watched), (SEAT[1], false));
+}
+
+#[test]
+fn an_untrusted_owner_has_no_untrusted_standby() {
+    let mut bench = Bench::watched(SlotConfig::REALTIME);
+    bench.confirm().on(Event::Request(Request::Retire(SEAT[0]))).on(Event::Died(SEAT[0])).confirm();
+    bench.on(Event::Request(Request::Standby(brought(2), 100 * MS, false)));
+    assert_eq!(bench.refusal(), Some(&Reason::UntrustedStandby(SEAT[1])));
+    bench.on(Event::Request(Request::Standby(program(2), 100 * MS, false)));
+    assert_eq!(bench.refusal(), None);
+}
+
+#[test]
+fn a_new_supervisor_gives_an_untrusted_owner_a_trusted_fallback() {
+    let mut before = Bench::watched(SlotConfig::REALTIME);
+    before.confirm().on(Event::Request(Request::Retire(SEAT[0]))).confirm();
+    let mut seated = [None; SEATS];
+    seated[1] = Some((brought(1), instance(8)));
+    let programs = [brought(1), program(0)];
+    let (slot, actions) =
+        SlotMachine::adopt(SlotConfig::REALTIME, before.now, &before.record(), programs, seated);
+    assert!(slot.record().unwrap().watched, "{actions:?}");
+    let mut bench = Bench { slot, now: before.now, actions };
+    bench.wait().home_joins(SEAT[0]);
 }

@@ -363,7 +363,7 @@ impl World {
             allowed_ns: if self.clock == Clock::Lockstep { self.allowed } else { self.t },
         };
         let (adopted, actions) =
-            SlotMachine::adopt(config(self.clock), now, &record, OWNER, seated);
+            SlotMachine::adopt(config(self.clock), now, &record, [OWNER; 2], seated);
         self.slot = Some(adopted);
         self.act(actions);
         if self.consumer.tripped() {

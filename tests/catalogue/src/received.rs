@@ -8,7 +8,7 @@ use std::any::Any;
 
 /// What of a step's inputs is passed on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Heard {
+pub struct Received {
     /// Trips of the other slot's owner.
     pub trips: bool,
     /// New references.
@@ -18,31 +18,31 @@ pub struct Heard {
 }
 
 /// Passes on what a controller has received in a step.
-pub(crate) fn pass_on(now_ns: u64, heard: Heard, from: &dyn Any, to: &mut dyn Any) {
+pub(crate) fn pass_on(now_ns: u64, received: Received, from: &dyn Any, to: &mut dyn Any) {
     if let (Some(from), Some(to)) =
         (from.downcast_ref::<AttitudeInputs>(), to.downcast_mut::<AttitudeInputs>())
     {
-        pass_estimate(now_ns, heard, &from.state_estimate, &mut to.state_estimate);
+        pass_estimate(now_ns, received, &from.state_estimate, &mut to.state_estimate);
         pass(now_ns, &from.attitude_setpoint, &mut to.attitude_setpoint);
         pass(now_ns, &from.applied_command, &mut to.applied_command);
         pass(now_ns, &from.morph_command, &mut to.morph_command);
         pass(now_ns, &from.position_owner, &mut to.position_owner);
-        if heard.references {
+        if received.references {
             pass(now_ns, &from.reference, &mut to.reference);
         }
-        if heard.trips {
+        if received.trips {
             pass(now_ns, &from.trip, &mut to.trip);
         }
     }
     if let (Some(from), Some(to)) =
         (from.downcast_ref::<PositionInputs>(), to.downcast_mut::<PositionInputs>())
     {
-        pass_estimate(now_ns, heard, &from.state_estimate, &mut to.state_estimate);
+        pass_estimate(now_ns, received, &from.state_estimate, &mut to.state_estimate);
         pass(now_ns, &from.applied_setpoint, &mut to.applied_setpoint);
         pass(now_ns, &from.applied_command, &mut to.applied_command);
         pass(now_ns, &from.morph_command, &mut to.morph_command);
         pass(now_ns, &from.attitude_owner, &mut to.attitude_owner);
-        if heard.references {
+        if received.references {
             pass(now_ns, &from.reference, &mut to.reference);
         }
     }
@@ -54,12 +54,12 @@ fn pass<T: Sample>(now_ns: u64, from: &Input<T>, to: &mut Input<T>) {
 
 fn pass_estimate(
     now_ns: u64,
-    heard: Heard,
+    received: Received,
     from: &Input<StateEstimate>,
     to: &mut Input<StateEstimate>,
 ) {
     pass_altered(now_ns, from, to, |mut estimate| {
-        estimate.position_w_m[0] += heard.east_m;
+        estimate.position_w_m[0] += received.east_m;
         estimate
     });
 }
