@@ -64,7 +64,7 @@ impl Slots {
                 return self.take_back(slot, *from, &fault.to_string());
             }
             Step::Replaced(seat, _) => {
-                return self.take_back(slot, *seat, "it was lost again at once");
+                return self.take_back(slot, *seat, "it was lost again");
             }
             _ => {}
         }

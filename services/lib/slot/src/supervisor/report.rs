@@ -87,7 +87,7 @@ pub enum Step {
     },
     /// An owner is lost and no other process can take over: it is started again.
     Ownerless(Seat, Fault),
-    /// An owner that was started again is lost again at once, or gave nothing to follow: on its seat an
+    /// An owner that was started again is lost again, or gave nothing to follow: on its seat an
     /// instance of this program, the one that the flight began with, is started instead.
     Replaced(Seat, Program),
     /// It commands, from nothing or again.
