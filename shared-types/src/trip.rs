@@ -28,7 +28,8 @@ crate::code! {
         /// The set point's tilt swings from side to side: `reversals` of more than `angle_limit_rad`.
         SetpointOscillates = 9,
         /// The owner of the attitude slot reports another set point than the one of the sequence that it names, or one
-        /// that is long over. No number goes with it.
+        /// that is long over, or of the position slot's owner what its record, trips and set points do not show. No number
+        /// goes with it.
         ReportFalse = 10,
         /// The owner of the attitude slot still follows the owner of the position slot, which has tripped. No number goes
         /// with it.

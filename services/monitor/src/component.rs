@@ -207,7 +207,7 @@ impl Monitor {
                 }
             }
         }
-        self.reports.listen(now_ns);
+        self.reports.note_silence(now_ns);
     }
 
     /// Takes what the plant has applied: the torques, and since when the rotors have been clipped.

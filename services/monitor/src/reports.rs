@@ -70,7 +70,7 @@ shared_types::memory! {
         /// The period of its owner \[ns\].
         pub every_ns: u64,
         /// Effective instant of its owner's last set point, or of the record that made it the owner \[ns\].
-        pub heard_ns: u64,
+        pub asked_ns: u64,
         /// Epoch in which its owner has last been silent for so long that it may have been left.
         pub lapsed: u64,
     }
@@ -173,8 +173,8 @@ impl Reports {
     /// Takes a set point of the controller on `seat`, all of it finite.
     pub fn ask(&mut self, seat: u32, asked: Asked) {
         if seat == self.memory.hands[0] {
-            self.listen(asked.valid_ns);
-            self.memory.heard_ns = self.memory.heard_ns.max(asked.valid_ns);
+            self.note_silence(asked.valid_ns);
+            self.memory.asked_ns = self.memory.asked_ns.max(asked.valid_ns);
         }
         let [roll, pitch, yaw, thrust_n] = asked.value;
         // What the rotors cannot give is not tracked.
@@ -189,10 +189,10 @@ impl Reports {
 
     /// Notes that the owner has asked for nothing until `until_ns`, if it could have: half a period before its consumers
     /// may leave it for its fallback, since they may have received less of it.
-    pub fn listen(&mut self, until_ns: u64) {
+    pub fn note_silence(&mut self, until_ns: u64) {
         let memory = &mut self.memory;
         let has_fallback = memory.hands[1] != NO_SEAT;
-        if has_fallback && until_ns > memory.heard_ns.saturating_add(memory.gap_ns()) {
+        if has_fallback && until_ns > memory.asked_ns.saturating_add(memory.gap_ns()) {
             memory.lapsed = memory.epoch;
         }
     }
@@ -214,7 +214,7 @@ impl Reports {
         memory.every_ns = record.every_ns;
         if record.hands[0] != memory.hands[0] {
             // It is left as soon as what its predecessor asked for is over, which it did at its own rate.
-            memory.heard_ns = record.at_ns.saturating_sub(memory.gap_ns());
+            memory.asked_ns = record.at_ns.saturating_sub(memory.gap_ns());
         }
         if has_changed {
             memory.hands = record.hands;

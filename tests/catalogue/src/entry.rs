@@ -1,10 +1,10 @@
 //! The faults that a controller can have, and the list of those that are tested.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use shared_types::Slot;
 
 /// Kind of fault. Where thrust is affected, its deviation from the weight is.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fault {
     /// No fault.
@@ -70,47 +70,8 @@ pub enum Fault {
     LateStart,
 }
 
-impl Fault {
-    /// Name of the fault in a configuration file.
-    #[must_use]
-    pub fn label(self) -> &'static str {
-        match self {
-            Self::Nothing => "nothing",
-            Self::WrongSign => "wrong-sign",
-            Self::Exchanged => "exchanged",
-            Self::Gain => "gain",
-            Self::Frozen => "frozen",
-            Self::Delay => "delay",
-            Self::NotANumber => "not-a-number",
-            Self::Bias => "bias",
-            Self::Diverges => "diverges",
-            Self::UntilMorph => "until-morph",
-            Self::Leak => "leak",
-            Self::Thrust => "thrust",
-            Self::Slams => "slams",
-            Self::Sways => "sways",
-            Self::Spins => "spins",
-            Self::SlamsAndReportsZero => "slams-and-reports-zero",
-            Self::ReportsZero => "reports-zero",
-            Self::ReportsFrozen => "reports-frozen",
-            Self::ReportsNoThrust => "reports-no-thrust",
-            Self::ReportsFailOver => "reports-fail-over",
-            Self::ReportsTrip => "reports-trip",
-            Self::ReportsEpoch => "reports-epoch",
-            Self::WorldFrame => "world-frame",
-            Self::NoReferences => "no-references",
-            Self::WalksAway => "walks-away",
-            Self::Exits => "exits",
-            Self::Silent => "silent",
-            Self::IgnoresTrips => "ignores-trips",
-            Self::Slow => "slow",
-            Self::LateStart => "late-start",
-        }
-    }
-}
-
 /// An entry of the catalogue, which is also the content of a configuration file of the executable.
-#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Entry {
     /// Name of the shipped controller that gets the fault; the first of the slot if left out.

@@ -4,6 +4,7 @@ use crate::received::Received;
 use crate::{Entry, Fault};
 use shared_types::{AppliedSetpoint, Flag, StateEstimate};
 use std::collections::VecDeque;
+use vehicle::{euler_from_quaternion, rotation};
 
 /// Number of past commands that are kept for a delay, more than any entry needs.
 const KEPT: usize = 1024;
@@ -28,8 +29,7 @@ impl From<&StateEstimate> for Seen {
         let q = &estimate.q_wb;
         // 1 − 2 (x² + y²) is the cosine of the tilt.
         let half = (q.x * q.x + q.y * q.y).sqrt().min(1.0);
-        let heading_rad =
-            libm::atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z));
+        let heading_rad = euler_from_quaternion(&rotation(q.to_array())).z;
         let tilt_rad = 2.0 * libm::asin(half);
         Self { tilt_rad, morph_rate_rad_s: estimate.morph_rate_rad_s, heading_rad }
     }

@@ -525,10 +525,10 @@ fn judge(course: &Course, plain: &Plain, swaps: &[ReportedSwap]) -> Swapped {
 }
 
 /// Content of the configuration file with which the executable `catalogue` flies an entry.
+///
+/// # Panics
+/// Never: an entry has no value that TOML does not have.
 #[must_use]
 pub fn config_of(entry: &Entry) -> String {
-    let law = entry.law.as_ref().map_or(String::new(), |law| format!("law = {law:?}\n"));
-    let Entry { fault, axis, amount, after_s, .. } = entry;
-    let fault = fault.label();
-    format!("{law}fault = \"{fault}\"\naxis = {axis}\namount = {amount:?}\nafter_s = {after_s:?}\n")
+    toml::to_string(entry).expect("a table of texts and numbers")
 }

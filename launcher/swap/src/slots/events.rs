@@ -71,7 +71,7 @@ impl Slots {
         }
         let Some(slot) = self.slot_of(role) else { return Ok(()) };
         if let Seen::Follows { followed, .. } = &seen {
-            // What was due before is no longer to be taken back.
+            // A claim that was due before this instant counts, whatever follows.
             self.take_claim(followed.at_ns, context)?;
         }
         let decides = self.consumers.flying().or_else(|| self.owner_seat(Role::Attitude));

@@ -242,9 +242,9 @@ fn an_epoch_a_trip_or_a_fail_over_that_nothing_explains_is_a_false_report() {
     let follows = Report { seat: 2, has_failed_over: true, ..truth };
     reports.ask(2, asked(125, 1.0));
     let mut silent = reports.clone();
-    silent.listen(asked(125, 1.0).valid_ns + 3 * ASKS_EVERY_NS / 2);
+    silent.note_silence(asked(125, 1.0).valid_ns + 3 * ASKS_EVERY_NS / 2);
     assert!(!silent.may_have_failed_over());
-    silent.listen(asked(125, 1.0).valid_ns + 3 * ASKS_EVERY_NS / 2 + 1);
+    silent.note_silence(asked(125, 1.0).valid_ns + 3 * ASKS_EVERY_NS / 2 + 1);
     silent.ask(0, asked(127, 1.0));
     assert_eq!([follows; 4].map(|report| silent.check(&report)), [None; 4], "the owner was silent");
     let mut gap = reports.clone();
@@ -259,20 +259,20 @@ fn an_epoch_a_trip_or_a_fail_over_that_nothing_explains_is_a_false_report() {
     let mut mute = reports.clone();
     assert!(mute.take_record(&flip));
     let mut speaks = mute.clone();
-    mute.listen(truth.release_ns + 1);
+    mute.note_silence(truth.release_ns + 1);
     assert!(mute.may_have_failed_over());
     speaks.ask(2, Asked { valid_ns: truth.release_ns, ..asked(125, 1.0) });
-    speaks.listen(truth.release_ns + PERIOD_NS);
+    speaks.note_silence(truth.release_ns + PERIOD_NS);
     assert!(!speaks.may_have_failed_over());
     // Another fallback makes no silence of the owner's shorter.
     silent.take_record(&record(3, [0, 3], truth.release_ns + 8 * ASKS_EVERY_NS));
-    silent.listen(truth.release_ns + 8 * ASKS_EVERY_NS);
+    silent.note_silence(truth.release_ns + 8 * ASKS_EVERY_NS);
     assert!(silent.may_have_failed_over());
     let mut late = Reports::new(4.0);
     late.take_record(&record(7, [0, 1], truth.release_ns));
     assert!(late.may_have_failed_over(), "it does not know what there was");
     // Without a fallback none can have taken over.
     assert!(reports.take_record(&record(3, [0, NO_SEAT], truth.release_ns)));
-    reports.listen(truth.release_ns + 10 * ASKS_EVERY_NS);
+    reports.note_silence(truth.release_ns + 10 * ASKS_EVERY_NS);
     assert!(!reports.may_have_failed_over());
 }

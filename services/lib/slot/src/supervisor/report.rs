@@ -172,7 +172,7 @@ impl core::fmt::Display for Step {
             Self::StandbyLost(seat, fault) => write!(f, "the standby on {seat} is lost: {fault}"),
             Self::StandbyGivenUp(_) => f.write_str("the standby is given up"),
             Self::StandbyUntrusted(_) => f.write_str(
-                "the standby makes room for a built-in controller, since the owner is not built in either",
+                "the standby makes room for a trusted one: the owner is as little trusted as itself",
             ),
             Self::Left(seat) => write!(f, "{seat} is free"),
         }
