@@ -344,7 +344,7 @@ fn a_realtime_flight_goes_on_after_the_deaths_of_all_processes_but_the_plant() {
         // machine it may do so before it is notified of the death. Only a controller can be reported so, and only with
         // this reason.
         let given_up = format!(
-            "no fallback for {victim}@0, which is started again: its commands failed to come"
+            "no fallback for {victim}@0, and the slot waits for a new process: its commands failed to come"
         );
         let is_reported = [killed, given_up].iter().any(|report| flown.stderr.contains(report));
         assert!(is_reported, "{victim}: {}", flown.output_text());

@@ -226,6 +226,25 @@ impl SlotMachine {
         step(out, Step::FlipsAt { seat: new, epoch, at_ns });
     }
 
+    /// The window has lasted long enough. An owner that is trusted is not watched from now on, but keeps its fallback until
+    /// the consumer has put that into effect: a trip may be on its way, and a record without the fallback would give the
+    /// slot back to the owner that has tripped.
+    pub(super) fn close(&mut self, now: Now, out: &mut Vec<Action>) {
+        let Phase::Window { new, old, order, closes, .. } = self.phase else { return };
+        let is_open = !closes && self.is_trusted(new);
+        if !is_open && self.ledger.outstanding.is_none_or(|_| !closes) {
+            return self.commit(now, (new, old), true, out);
+        }
+        self.phase = Phase::Window { new, old, until_ns: now.logical_ns, order, closes: true };
+        if is_open {
+            self.publish(now, new, None, out);
+        }
+        if let Phase::Window { until_ns, .. } = &mut self.phase {
+            let since_ns = now.logical_ns.max(self.ledger.effective_ns());
+            *until_ns = since_ns.saturating_add(self.config.close_ns.max(1));
+        }
+    }
+
     /// The window is over: the new owner stays, and the old one leaves unless it is to be the
     /// fallback of one that is not trusted, which it is not if it is to leave.
     pub(super) fn commit(

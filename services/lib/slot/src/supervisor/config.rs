@@ -26,6 +26,9 @@ pub struct SlotConfig {
     pub unguided_ns: u64,
     /// From a record's instant until it is written again, if it is not confirmed.
     pub acknowledge_ns: u64,
+    /// From the end of a rollback window until the old owner leaves, if that end is confirmed: more than a consumer takes
+    /// to report a trip.
+    pub close_ns: u64,
     /// Flips that are not confirmed so often are taken back.
     pub tries_max: u32,
     /// Standbys lost in a row, or refused, before there shall be none.
@@ -48,6 +51,7 @@ impl SlotConfig {
         restart_ns: 100_000_000,
         unguided_ns: 200_000_000,
         acknowledge_ns: 500_000_000,
+        close_ns: 50_000_000,
         tries_max: 5,
         standby_losses_max: 3,
         keeps_fallback: true,

@@ -61,8 +61,9 @@ enum Phase {
     Shadowing { seat: Seat, goal: Goal, track_until_ns: u64, until_ns: u64, stage: Stage },
     /// A record from `epoch` on names it as the owner. Its window ends at `ends_ns` at the earliest.
     Flipping { new: Seat, old: Seat, epoch: u64, order: SwapTerms, ends_ns: u64 },
-    /// It commands; the old owner is the fallback.
-    Window { new: Seat, old: Seat, until_ns: u64, order: SwapTerms },
+    /// It commands; the old owner is the fallback. `closes`: it is watched no more, and the fallback stays until the
+    /// consumer has confirmed that no trip came before.
+    Window { new: Seat, old: Seat, until_ns: u64, order: SwapTerms, closes: bool },
     /// A record from `epoch` on names the old owner again; the other one is healthy and leaves when
     /// that is confirmed.
     Reverting { from: Seat, to: Seat, epoch: u64, asked: bool },
@@ -382,9 +383,7 @@ impl SlotMachine {
                 self.run_free(out);
             }
             Phase::Shadowing { until_ns, stage: Stage::Free, .. } if due(until_ns) => self.ask(out),
-            Phase::Window { new, old, until_ns, .. } if due(until_ns) => {
-                self.commit(now, (new, old), true, out);
-            }
+            Phase::Window { until_ns, .. } if due(until_ns) => self.close(now, out),
             Phase::Flipping { new, order, ref mut ends_ns, .. } if due(*ends_ns) => {
                 // Not confirmed until now, so that the window begins later.
                 let least_ns = order.rollback_ns.max(self.instances.period_ns(new)).max(1);

@@ -78,7 +78,7 @@ impl SlotMachine {
     /// Whether the monitor judges `owner`: around its own flip, and for as long as it is not trusted.
     pub(super) fn is_watched(&self, owner: Seat) -> bool {
         let is_new = match self.phase {
-            Phase::Flipping { new, .. } | Phase::Window { new, .. } => new == owner,
+            Phase::Flipping { new, .. } | Phase::Window { new, closes: false, .. } => new == owner,
             _ => false,
         };
         is_new || !self.is_trusted(owner)
@@ -156,7 +156,7 @@ impl SlotMachine {
                 let since_ns = record.map_or(at_ns, |record| record.effective_ns.min(at_ns));
                 step(out, Step::Flipped { seat: new, epoch, at_ns: since_ns });
                 let until_ns = at_ns.saturating_add(order.rollback_ns);
-                self.phase = Phase::Window { new, old, until_ns, order };
+                self.phase = Phase::Window { new, old, until_ns, order, closes: false };
                 if !self.instances.is_seated(old) {
                     self.commit(now, (new, old), true, out);
                 }

@@ -163,7 +163,7 @@ impl core::fmt::Display for Step {
                 write!(f, "{seat} takes over from {from}: {fault}")
             }
             Self::Ownerless(seat, fault) => {
-                write!(f, "there is no fallback for {seat}, which is started again: {fault}")
+                write!(f, "there is no fallback for {seat}, and the slot waits for a new process: {fault}")
             }
             Self::Replaced(seat, _) => {
                 write!(f, "{seat} is not started again: what the flight began with takes its place")

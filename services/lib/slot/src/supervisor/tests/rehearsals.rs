@@ -132,6 +132,7 @@ fn a_trusted_owner_needs_no_fallback_and_one_that_is_not_wanted_is_not_kept() {
     bench.confirm();
     bench.on(Event::Request(Request::Swap(Target::New(program(0)), order(200 * MS))));
     bench.on(Event::Ready(SEAT[2], instance(8))).confirm().wait().pass(SEAT[2]).confirm().wait();
+    bench.confirm().wait();
     let record = bench.record();
     assert_eq!((record.owner, record.fallback, record.watched), (SEAT[2], None, false));
     assert_eq!(record.period_ns[..2], [0, 0], "both have left");

@@ -33,11 +33,42 @@ fn a_same_kind_swap_in_lockstep_follows_the_script_to_the_nanosecond() {
     bench.confirm();
     assert_eq!(bench.slot.deadline_ns(), Some(4901 * MS));
     bench.wait();
+    let closing = bench.record();
+    assert_eq!((closing.fallback, closing.watched), (Some(SEAT[0]), false));
+    assert_eq!(closing.effective_ns, 4901 * MS);
+    bench.confirm();
+    assert_eq!(bench.slot.deadline_ns(), Some(4951 * MS));
+    bench.wait();
     assert!(bench.has(|action| *action == Action::AwaitExit(SEAT[0])));
     assert!(bench.has(|action| *action == Action::Report(Report::Done(SEAT[1], Outcome::Swapped))));
     assert_eq!(bench.record().fallback, None);
     bench.confirm().on(Event::Died(SEAT[0]));
     assert!(bench.slot.is_quiet() && !bench.slot.is_taken(SEAT[0]));
+}
+
+/// The record that ends the window is older than the trip, and must not give the slot back to the owner that has tripped.
+#[test]
+fn a_trip_just_before_the_end_of_the_window_of_a_trusted_owner_counts() {
+    let mut bench = Bench::in_window(SlotConfig::LOCKSTEP);
+    let mut consumer = crate::Consumer::new(crate::REJECTED_AFTER_TRIP_NS);
+    let window = bench.record();
+    consumer.take_record(&window);
+    consumer.advance(window.effective_ns);
+    bench.wait();
+    let (closing, ends_ns) = (bench.record(), bench.record().effective_ns);
+    let tripped = consumer.trip(window.epoch, SEAT[1], ends_ns - MS);
+    assert_eq!(tripped, crate::Tripped::ToFallback);
+    consumer.take_record(&closing);
+    consumer.advance(ends_ns);
+    assert!(consumer.tripped(), "it was judged by the record before");
+    assert_eq!(consumer.decide(ends_ns, true, true), crate::Source::Fallback);
+    // Not confirmed in time, or with the trip: the old owner stays until the consumer has answered.
+    bench.wait();
+    assert_eq!(bench.record().fallback, Some(SEAT[0]));
+    bench.on(Event::Acknowledged { epoch: closing.epoch, seat: SEAT[0], at_ns: ends_ns });
+    bench.on(Event::Tripped { epoch: closing.epoch, at_ns: ends_ns });
+    assert_eq!(bench.refusal(), Some(&Reason::Fault(Fault::Tripped)));
+    assert_eq!(bench.record().owner, SEAT[0]);
 }
 
 /// Otherwise the window would end wherever allowed time has got before the confirmation is received.

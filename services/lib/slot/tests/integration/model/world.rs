@@ -153,6 +153,7 @@ pub(crate) const OTHER_KIND: Program = Program { number: 3, is_trusted: false };
 pub(crate) fn config(clock: Clock) -> SlotConfig {
     let common = SlotConfig {
         acknowledge_ns: 5,
+        close_ns: CREDIT + 1,
         unguided_ns: 0,
         rehearsal_ns: REHEARSAL,
         standby_shadow_ns: 2,
@@ -441,17 +442,21 @@ impl World {
         }
     }
 
-    /// What was so in `epoch` is so under `record` if no record since has named another owner or fallback. Without a
-    /// fallback the owner may have been started again.
+    /// What was so in `epoch` is so under `record` if no record since has named another owner, nor another fallback that is
+    /// there. Without one the owner may have been started again.
     fn carried(&self, epoch: u64, record: &Record) -> u64 {
         let mut since = self.accepted.iter().filter(|r| (epoch..=record.epoch).contains(&r.epoch));
-        let is_followed = record.fallback.is_some_and(|fallback| record.is_taken(fallback));
-        let is_same = since.all(|between| between.same_hands(record));
-        if epoch > 0 && (epoch == record.epoch || is_same && is_followed) {
-            record.epoch
-        } else {
-            0
-        }
+        let fallback = self.accepted.iter().find(|r| r.epoch == epoch).and_then(|r| r.fallback);
+        let is_there = fallback.is_some_and(|seat| {
+            matches!(self.processes[seat.index()], Process::Flying { mute: None, .. })
+        });
+        let is_same = |between: &Record| {
+            between.same_hands(record)
+                || is_there && between.owner == record.owner && record.fallback.is_none()
+        };
+        let is_followed = is_there || record.fallback.is_some_and(|seat| record.is_taken(seat));
+        let is_carried = is_followed && since.all(is_same);
+        if epoch > 0 && (epoch == record.epoch || is_carried) { record.epoch } else { 0 }
     }
 
     /// True if the process that `record` seats there has a valid command under it.
