@@ -13,6 +13,9 @@ const KNOWN: usize = 8;
 /// Reports in a row that name no existing set point, or one that is long over: a single one may
 /// come from a late record.
 const UNFOUND: u64 = 3;
+/// Records in a row that a report may say it has refused. Each is written for a later instant than the one before, and the
+/// slot's owner could never be replaced if none were ever taken.
+const REFUSED: u64 = 3;
 /// Time that a trip may take to be followed, if that is longer than two periods of the attitude
 /// loop: in realtime the trip may arrive late \[ns\].
 pub const FOLLOWED_WITHIN_NS: u64 = 20_000_000;
@@ -73,6 +76,10 @@ shared_types::memory! {
         pub asked_ns: u64,
         /// Epoch in which its owner has last been silent for so long that it may have been left.
         pub lapsed: u64,
+        /// Epoch of the last record that was reported as refused.
+        pub refused: u64,
+        /// Records in a row that were.
+        pub refusals: u64,
     }
 }
 
@@ -231,6 +238,7 @@ impl Reports {
     /// Notes that another controller flies the attitude slot: the reports of the last one do not apply to it.
     pub fn forget(&mut self) {
         self.memory.unfound = 0;
+        self.memory.refusals = 0;
         self.memory.left = [0.0; 4];
         self.memory.has_tracked = false;
     }
@@ -246,6 +254,7 @@ impl Reports {
         if self.ignores_trip(report) {
             return Some(TripCause::TripIgnored);
         }
+        self.count_refusals(report);
         let judged = if self.misstates(report) { Judged::Unfound } else { self.judge(report) };
         match judged {
             Judged::Open => None,
@@ -271,10 +280,22 @@ impl Reports {
         if report.epoch != memory.epoch {
             let within_ns = FOLLOWED_WITHIN_NS.max(2 * report.period_ns);
             // One that came too late for the loop is written again.
-            return report.refused_epoch != memory.epoch
-                && report.release_ns > memory.changed_ns.saturating_add(within_ns);
+            let is_refused = report.refused_epoch == memory.epoch && memory.refusals <= REFUSED;
+            return !is_refused && report.release_ns > memory.changed_ns.saturating_add(within_ns);
         }
         (report.has_tripped || report.has_failed_over) && !self.may_have_failed_over()
+    }
+
+    /// Counts the records that are reported as refused, until one is reported as taken.
+    fn count_refusals(&mut self, report: &Report) {
+        let memory = &mut self.memory;
+        if report.refused_epoch != memory.refused {
+            memory.refused = report.refused_epoch;
+            memory.refusals += 1;
+        }
+        if report.epoch == memory.epoch {
+            memory.refusals = 0;
+        }
     }
 
     /// The tripped owner is still followed when it should not be any more, although the fallback is there.

@@ -52,6 +52,8 @@ pub enum Fault {
     ReportsTrip,
     /// It is said to be of an epoch that has not come.
     ReportsEpoch,
+    /// Each record of the position slot that comes is said to be refused.
+    ReportsRefusal,
     /// Roll and pitch are about the axes of the world, not of the body.
     WorldFrame,
     /// The reference is not received any more; of a position controller alone.
@@ -132,6 +134,7 @@ impl Entry {
             Fault::ReportsFailOver => "reports a fail-over".to_owned(),
             Fault::ReportsTrip => "reports a trip".to_owned(),
             Fault::ReportsEpoch => "reports another epoch".to_owned(),
+            Fault::ReportsRefusal => "reports that records are refused".to_owned(),
             Fault::WorldFrame => "roll and pitch of the world".to_owned(),
             Fault::NoReferences => "no more references".to_owned(),
             Fault::WalksAway => format!("walks away at {amount} m/s"),
@@ -147,13 +150,14 @@ impl Entry {
 
 /// Attitude controllers that are good or bad in ways that a position controller's fault finds out.
 #[must_use]
-pub fn entries_of_pairs() -> [Entry; 4] {
+pub fn entries_of_pairs() -> [Entry; 5] {
     let of = |fault| Entry::of(fault, 0, 0.0);
     [
         of(Fault::Nothing),
         of(Fault::IgnoresTrips),
         of(Fault::ReportsZero).after(9.0),
         of(Fault::ReportsFailOver).after(9.0),
+        of(Fault::ReportsRefusal).after(2.0),
     ]
 }
 

@@ -69,7 +69,6 @@ impl Spoiler {
 
     /// The command with the fault, in place of the good `command` of the step at `now_ns` \[ns\]. Both have
     /// the units of the largest command.
-    #[expect(clippy::match_same_arms, reason = "one arm per fault")]
     pub fn spoil(&mut self, now_ns: u64, command: [f64; 4], seen: Seen) -> [f64; 4] {
         let Some(faulty_s) = self.faulty_s(now_ns) else {
             return command;
@@ -83,20 +82,6 @@ impl Spoiler {
         let biased =
             |share: f64| [thrust, roll + share * most_roll, pitch + share * most_pitch, yaw];
         match self.entry.fault {
-            Fault::Nothing
-            | Fault::ReportsZero
-            | Fault::ReportsFrozen
-            | Fault::ReportsNoThrust
-            | Fault::ReportsFailOver
-            | Fault::ReportsTrip
-            | Fault::ReportsEpoch
-            | Fault::NoReferences
-            | Fault::WalksAway
-            | Fault::Exits
-            | Fault::Silent
-            | Fault::IgnoresTrips
-            | Fault::Slow
-            | Fault::LateStart => command,
             Fault::WrongSign => {
                 let mut wrong = command;
                 let axis = self.entry.axis.min(3);
@@ -129,7 +114,8 @@ impl Spoiler {
                 [thrust, side * most_roll, side * most_pitch, yaw]
             }
             Fault::Spins => [thrust, roll, pitch, yaw + amount * faulty_s],
-            Fault::Diverges | Fault::UntilMorph => command,
+            // The others are about reports, inputs or time, or do not show yet.
+            _ => command,
         }
     }
 
@@ -159,6 +145,11 @@ impl Spoiler {
             Fault::ReportsFailOver => AppliedSetpoint { failed_over: Flag::Yes, ..report },
             Fault::ReportsTrip => AppliedSetpoint { tripped: Flag::Yes, ..report },
             Fault::ReportsEpoch => AppliedSetpoint { epoch: u64::MAX, ..report },
+            Fault::ReportsRefusal => {
+                let AppliedSetpoint { epoch, .. } = *self.reported.get_or_insert(report);
+                let refused_epoch = if report.epoch > epoch { report.epoch } else { 0 };
+                AppliedSetpoint { epoch, refused_epoch, ..report }
+            }
             _ => report,
         }
     }

@@ -276,3 +276,37 @@ fn an_epoch_a_trip_or_a_fail_over_that_nothing_explains_is_a_false_report() {
     reports.note_silence(truth.release_ns + 10 * ASKS_EVERY_NS);
     assert!(!reports.may_have_failed_over());
 }
+
+#[test]
+fn of_the_records_that_a_report_says_it_refuses_the_fourth_in_a_row_makes_it_false() {
+    let mut reports = reports();
+    let mut refuse = |epoch: u64, refused_epoch: u64| {
+        let sequence = 110 + epoch;
+        let of = asked(sequence, 1.0);
+        let release_ns = of.valid_ns + 4 * PERIOD_NS;
+        reports.take_record(&record(epoch, [0, 2], of.valid_ns));
+        reports.ask(0, of);
+        let report = Report { epoch: 1, refused_epoch, release_ns, ..report(0, &of) };
+        [report; 3].map(|report| reports.check(&report))
+    };
+    let found = [2, 3, 4].map(|epoch| refuse(epoch, epoch));
+    assert_eq!(found, [[None; 3]; 3], "a record may come too late for the loop");
+    assert_eq!(refuse(5, 5), [None, None, Some(TripCause::ReportFalse)]);
+}
+
+#[test]
+fn a_record_that_is_taken_ends_the_count_of_those_refused() {
+    let mut reports = reports();
+    let mut report = |epoch: u64, taken: u64, refused_epoch: u64| {
+        let of = asked(110 + epoch, 1.0);
+        let release_ns = of.valid_ns + 4 * PERIOD_NS;
+        reports.take_record(&record(epoch, [0, 2], of.valid_ns));
+        reports.ask(0, of);
+        let report = Report { epoch: taken, refused_epoch, release_ns, ..report(0, &of) };
+        [report; 3].map(|report| reports.check(&report))
+    };
+    for epoch in [2, 4, 6, 8] {
+        assert_eq!(report(epoch, epoch - 1, epoch), [None; 3]);
+        assert_eq!(report(epoch + 1, epoch + 1, epoch), [None; 3]);
+    }
+}
