@@ -46,8 +46,8 @@ impl Trouble {
     }
 }
 
-/// Flies a campaign; 0 if every case passed, 1 if one did not, 2 if no case can be flown, 4 if a component failed in one, 130
-/// if interrupted.
+/// Flies a campaign; 0 if every case passed, 1 if one did not, 2 if no case can be flown, 4 if a component failed in one, 5
+/// if all passed and a scripted swap was refused or taken back in one, 130 if interrupted.
 pub(super) fn run(arguments: &CampaignArguments, out: &mut dyn Write) -> Done {
     super::conclude(fly(arguments), Trouble::exit_code, out)
 }

@@ -74,9 +74,15 @@ impl Summary {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match exit_code(&self.closing(), &self.verdict()) {
-            exit::PASS if self.swaps.iter().any(SwapReport::has_failed) => exit::SWAP_FAILED,
+            exit::PASS if self.failed_swaps() > 0 => exit::SWAP_FAILED,
             code => code,
         }
+    }
+
+    /// Swaps of its script that were refused or taken back.
+    #[must_use]
+    pub fn failed_swaps(&self) -> usize {
+        self.swaps.iter().filter(|swap| swap.has_failed()).count()
     }
 
     /// The verdict on the flight.

@@ -44,6 +44,7 @@ pub fn run_branch(
     let flown = fly_alone(options, branched, branch.at_ns(), begin)?;
     let FlownAlone { summary, observer: (compare, mut since), hash, error } = flown;
     let Likeness { same, first } = compare.verdict(summary.flown_ns);
-    let since = Outcome::of_flight(&mut since, &hash, summary.flown_ns, error.as_ref());
+    let (flown_ns, failed_swaps) = (summary.flown_ns, summary.failed_swaps());
+    let since = Outcome::of_flight(&mut since, &hash, flown_ns, error.as_ref(), failed_swaps);
     Ok(FlownBranch { summary, since, same, first })
 }

@@ -55,13 +55,17 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// What is known of every flight: what became of it, every fact, and of a rig how it settled.
+/// The column with the swaps of the script that were refused or taken back.
+pub(super) const FAILED_SWAPS: &str = "swaps_failed";
+
+/// What is known of every flight: what became of it, every fact, its swaps, and of a rig how it settled.
 fn columns() -> impl Iterator<Item = (&'static str, Kind)> {
     let head = [("outcome", Kind::Text), ("reason", Kind::Text)];
     let kind = |fact: &Fact| if fact.unit == Unit::Count { Kind::Whole } else { Kind::Number };
     let facts = FACTS.iter().map(move |fact| (fact.key, kind(fact)));
     let rig = [("settling_s", Kind::Number), ("final_error_rad", Kind::Number)];
-    head.into_iter().chain(facts).chain(rig).chain([("hash", Kind::Text)])
+    let swaps = [(FAILED_SWAPS, Kind::Whole)];
+    head.into_iter().chain(facts).chain(swaps).chain(rig).chain([("hash", Kind::Text)])
 }
 
 /// Columns by which cases are ranked; a flight has the first, a rig the others.
@@ -93,13 +97,15 @@ impl Outcome {
         Self(cells)
     }
 
-    /// Of a flight that has ended after `flown_ns`; finishes the metrics.
+    /// Of a flight that has ended after `flown_ns`, so many of whose scripted swaps were refused or taken back; finishes
+    /// the metrics.
     #[must_use]
     pub fn of_flight(
         metrics: &mut Metrics,
         hash: &FlightHash,
         flown_ns: u64,
         failure: Option<&InProcessError>,
+        failed_swaps: usize,
     ) -> Self {
         metrics.finish();
         let end = failure.map_or(End::Planned, |error| End::Crashed(first_line(error)));
@@ -116,6 +122,7 @@ impl Outcome {
             ("settling_s", _) => worst(|axis| axis.settling_s.unwrap_or(f64::INFINITY)).into(),
             ("final_error_rad", _) => worst(|axis| axis.final_error_rad.abs()).into(),
             ("hash", _) => hash.hex().as_str().into(),
+            (FAILED_SWAPS, _) => Value::Whole(failed_swaps as u64),
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count")]
             (key, Kind::Whole) => facts.number(key).map(|count| count as u64).into(),
             (key, _) => facts.number(key).into(),
@@ -141,6 +148,13 @@ impl Outcome {
     pub fn verdict(&self) -> Verdict {
         let word = self.cell("outcome").to_cell();
         Verdict::ALL.into_iter().find(|v| v.word() == word).unwrap_or(Verdict::Crashed)
+    }
+
+    /// True if it passed, and a swap of its script was refused or taken back.
+    #[must_use]
+    pub fn passed_without_a_swap(&self) -> bool {
+        let failed = self.cell(FAILED_SWAPS).number().is_some_and(|count| count > 0.0);
+        failed && self.verdict() == Verdict::Flown(Grade::Passed)
     }
 
     /// What makes one case worse than another with the same verdict, the first that differs: how far
@@ -209,8 +223,9 @@ pub fn fly_on(
         end = flight.fly_until(t_ns);
     }
     let flown_ns = flight.flown_ns();
+    let failed_swaps = flight.conclude().failed_swaps();
     let (hash, mut metrics) = flight.seen(core::mem::take);
-    Some(Outcome::of_flight(&mut metrics, &hash, flown_ns, end.err().as_ref()))
+    Some(Outcome::of_flight(&mut metrics, &hash, flown_ns, end.err().as_ref(), failed_swaps))
 }
 
 #[cfg(test)]

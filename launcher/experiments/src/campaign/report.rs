@@ -80,8 +80,8 @@ pub fn counts(flown: &[(Case, Outcome)]) -> [(Verdict, usize); 6] {
     })
 }
 
-/// 0 if every case that could be flown passed; 1 if one did not, 4 if a component failed in one, and 2 if the
-/// scenario refuses them all.
+/// 0 if every case that could be flown passed; 5 if a scripted swap was refused or taken back in one, 1 if one did not
+/// pass, 4 if a component failed in one, and 2 if the scenario refuses them all.
 #[must_use]
 pub fn exit_code(flown: &[(Case, Outcome)]) -> u8 {
     let [passed, .., refused, crashed] = counts(flown).map(|(_, count)| count);
@@ -91,16 +91,27 @@ pub fn exit_code(flown: &[(Case, Outcome)]) -> u8 {
         exit::USAGE
     } else if passed + refused < flown.len() {
         exit::FAILED
+    } else if failed_swaps(flown) > 0 {
+        exit::SWAP_FAILED
     } else {
         exit::PASS
     }
+}
+
+/// In how many cases that passed a swap of the script was refused or taken back.
+fn failed_swaps(flown: &[(Case, Outcome)]) -> usize {
+    flown.iter().filter(|(_, outcome)| outcome.passed_without_a_swap()).count()
 }
 
 /// The line that the output begins with: how the worst case came out, and why.
 #[must_use]
 pub fn line(what: &str, flown: &[(Case, Outcome)]) -> String {
     let passed = counts(flown)[0].1;
-    let all = format!("{what}: {passed} of {} cases passed", flown.len());
+    let mut all = format!("{what}: {passed} of {} cases passed", flown.len());
+    let without = failed_swaps(flown);
+    if without > 0 {
+        all = format!("{all}, {without} without a scripted swap");
+    }
     let Some((place, (_, outcome))) = worst(flown, 1).first().map(|at| (*at, &flown[*at])) else {
         return format!("{}  {all}", Grade::Passed);
     };
@@ -313,6 +324,14 @@ mod tests {
         let flown = flown();
         let codes = [&flown[..1], &flown[..], &flown[3..]].map(exit_code);
         assert_eq!(codes, [exit::PASS, exit::FAILED, exit::USAGE]);
+        let mut cells = flown[0].1.to_text();
+        cells[place("swaps_failed")] = "1".to_owned();
+        let refused = Outcome::from_text(&cells).unwrap();
+        let cases = [(flown[0].0.clone(), refused), flown[1].clone()];
+        let codes = [&cases[..1], &cases[..]].map(exit_code);
+        assert_eq!(codes, [exit::SWAP_FAILED, exit::FAILED]);
+        let text = line("swaps", &cases[..1]);
+        assert!(text.contains("1 of 1 cases passed, 1 without a scripted swap"), "{text}");
         assert_eq!(spread(&flown, "position_max_m"), Some([0.3, 0.6, 0.6]));
         assert_eq!(spread(&flown, "settling_s"), None);
     }

@@ -65,6 +65,14 @@ pub struct Conclusion {
     pub exits: Vec<ExitReport>,
 }
 
+impl Conclusion {
+    /// Swaps of the flight's script that were refused or taken back.
+    #[must_use]
+    pub fn failed_swaps(&self) -> usize {
+        self.swaps.iter().filter(|swap| swap.has_failed()).count()
+    }
+}
+
 /// A flight in progress. What it does is the [`Kernel`]'s, which it dereferences to.
 #[derive(Debug)]
 pub struct InProcess<O> {
