@@ -39,6 +39,7 @@ impl Flight {
         }
         let flown_ns = self.drained_ns().max(from_ns).min(self.conductor.end_ns());
         self.tap.sinks.metrics.finish();
+        self.script.refuse_waiting(flown_ns, &mut self.slots.reports);
         self.slots.finish();
         let ignored: u64 = self.bus.strays().iter().map(|stray| stray.samples).sum();
         if ignored > 0 {

@@ -1,6 +1,6 @@
 //! What is done to a flight on purpose, at logical instants: swaps, standbys, faults and orders.
 
-use super::{News, SlotContext, Slots};
+use super::{News, SlotContext, Slots, SwapReport};
 use crate::FlightError;
 use protocol::control::Request;
 use protocol::control::protocol::SwapRequest;
@@ -73,6 +73,18 @@ impl Script {
         let is_next = |(at_ns, deed): &(u64, Deed)| *at_ns <= now_ns && !waits(deed);
         let at = self.deeds.iter().rposition(is_next)?;
         Some(self.deeds.remove(at).1)
+    }
+
+    /// The flight has ended: the swaps that were due have waited in vain, and are reported as refused.
+    pub fn refuse_waiting(&mut self, flown_ns: u64, reports: &mut Vec<SwapReport>) {
+        for (at_ns, deed) in self.deeds.drain(..).rev().filter(|(at_ns, _)| *at_ns < flown_ns) {
+            let Deed::Swap(swap) = deed else { continue };
+            let mut report = SwapReport::new(swap.slot, "", &swap.to, at_ns, true);
+            report.refuse(
+                &"it waited for the monitor, which did not step until the flight had ended",
+            );
+            reports.push(report);
+        }
     }
 
     /// Does what is due.
@@ -170,5 +182,12 @@ mod tests {
         assert_eq!(script.next_ns(), 10, "it is still to come");
         assert!(matches!(script.take_due(25, None), Some(Deed::Swap(_))));
         assert!(script.take_due(25, None).is_none(), "not before its time");
+        let mut reports = Vec::new();
+        script.refuse_waiting(30, &mut reports);
+        assert!(reports.is_empty(), "it was not due when the flight ended");
+        let swap = Deed::Swap(scenario.settings().swap[0].clone());
+        Script { deeds: vec![(30, swap.clone()), (10, swap)] }.refuse_waiting(30, &mut reports);
+        assert_eq!(reports.len(), 1);
+        assert!(reports[0].has_failed() && reports[0].to == "attitude-pid", "{reports:?}");
     }
 }
