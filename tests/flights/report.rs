@@ -1,10 +1,12 @@
 //! A report agrees with the samples, fails by a gate that does not hold, and names what it cannot read.
 
+use crate::common::misdeeds::{config_from, rogue};
 use crate::common::{Flown, fly, morphquad};
 use observe::FACTS;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
+use tempfile::TempDir;
 
 /// Exit code, stdout and stderr of `morphquad report`.
 fn report(file: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
@@ -161,4 +163,42 @@ fn several_files_are_refused_with_their_folder_as_the_remedy() {
     let (code, out, err) = report(Path::new("flights/a.mcap"), &["flights/b.mcap"]);
     assert_eq!((code, out.as_str()), (Some(2), ""), "{err}");
     assert!(err.contains("`morphquad report flights`"), "{err}");
+}
+
+/// A flight in simulated time is to be one flight however often it is flown; a user's executable need not keep to that.
+#[test]
+fn an_executable_that_differs_from_run_to_run_is_named_with_where_it_does() {
+    let folder = TempDir::new().expect("a folder");
+    let switch = folder.path().join("switch");
+    let config = config_from(&folder, "offset", &switch, 0.01);
+    let swap = format!("attitude={}@1s,shadow=600ms,rollback=300ms,config={config}", rogue());
+    let flight = ["hover", "--for", "3s", "--swap", &swap];
+    let keep = |flown: &Flown, name: &str| {
+        let path = folder.path().join(name);
+        fs::copy(flown.recording_path(), &path).expect("room");
+        path
+    };
+    let first = keep(&fly(&flight), "first.mcap");
+    keep(&fly(&flight), "second.mcap");
+    let parted = |file: &Path| {
+        let (code, out, err) = report(file, &["--format", "json"]);
+        assert_eq!(code, Some(0), "{err}");
+        let report: Value = serde_json::from_str(&out).expect("JSON");
+        report["parted"].clone()
+    };
+    assert_eq!(parted(&first), Value::Null);
+    fs::write(&switch, "").expect("room");
+    let third = keep(&fly(&flight), "third.mcap");
+    for file in [&first, &third] {
+        let parted = parted(file);
+        assert_eq!(
+            (&parted["writer"], &parted["topic"]),
+            (&"rogue@1".into(), &"wrench_command".into())
+        );
+        assert_eq!(parted["at_s"], 1.0, "its first command");
+        let (_, text, _) = report(file, &[]);
+        assert!(text.contains("rogue@1 differs from run to run"), "{text:.2000}");
+    }
+    let (_, text, _) = report(folder.path(), &[]);
+    assert_eq!(text.matches("rogue@1 differs from run to run").count(), 3, "{text}");
 }

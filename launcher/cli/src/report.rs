@@ -8,11 +8,14 @@ use super::refusal::{Done, Failure};
 use document::shell_path;
 use figures::results::ResultsFolder;
 use host::exit;
-use record::named;
-use record::read::RecordedFlight;
+use record::read::{RecordedFlight, facts_of};
+use record::{Clock, named};
+use replay::{Parting, are_of_one_scenario, parting};
+use shared_types::time::s_from_ns;
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use viewers::report::{Folder, Report, document, pictures};
+use viewers::report::{Folder, Parted, Report, document, pictures};
 
 /// Reports on one recording or on all of a folder; 1 if a gate fails, 2 if a file cannot be read.
 pub(super) fn run(
@@ -45,7 +48,9 @@ pub(super) fn run(
         let busy = super::bar::busy("reading");
         let report = Report::of(&flight);
         drop(busy);
-        Folder { reports: vec![report.map_err(|error| unreadable(&error))?], ..Folder::default() }
+        let mut report = report.map_err(|error| unreadable(&error))?;
+        report.parted = parted(&flight, &beside(flight.path()));
+        Folder { reports: vec![report], ..Folder::default() }
     };
     if let Some(path) = &arguments.png {
         write_pictures(&folder.reports, path)?;
@@ -85,9 +90,11 @@ fn of_folder(files: &[PathBuf]) -> Folder {
             folder.left_out.push((file(), still_writes(&run)));
             continue;
         }
-        let report = flight.map_err(|error| error.to_string());
-        let report =
-            report.and_then(|flight| Report::of(&flight).map_err(|error| error.to_string()));
+        let report = flight.map_err(|error| error.to_string()).and_then(|flight| {
+            let mut report = Report::of(&flight).map_err(|error| error.to_string())?;
+            report.parted = parted(&flight, files);
+            Ok(report)
+        });
         match report {
             Ok(report) => folder.reports.push(report),
             Err(why) => folder.unread.push((file(), why)),
@@ -95,6 +102,40 @@ fn of_folder(files: &[PathBuf]) -> Folder {
     }
     bar.finish_and_clear();
     folder
+}
+
+/// The newest of `files` that is of the same scenario as a flight in simulated time, and of another flight.
+fn parted(flight: &RecordedFlight, files: &[PathBuf]) -> Option<Parted> {
+    if flight.clock() != Clock::Lockstep {
+        return None;
+    }
+    let is_like = |facts: &BTreeMap<String, String>| {
+        ["scenario", "seed", "clock"].iter().all(|key| facts.get(*key) == flight.facts().get(*key))
+    };
+    let alike = |path: &&PathBuf| {
+        path.file_name() != flight.path().file_name() && facts_of(path).is_some_and(|f| is_like(&f))
+    };
+    let others = files.iter().filter(alike).filter_map(|path| RecordedFlight::open(path).ok());
+    let mut others: Vec<_> = others.filter(|other| are_of_one_scenario(flight, other)).collect();
+    others.sort_by_key(RecordedFlight::epoch_unix_ns);
+    others.iter().rev().find_map(|other| {
+        let parting = parting(flight, other).ok()??;
+        let text = parting.to_string();
+        let Parting { release_ns, topic, writer, .. } = parting;
+        Some(Parted {
+            file: other.path().display().to_string(),
+            at_s: s_from_ns(release_ns),
+            topic: topic.to_owned(),
+            writer: writer.to_string(),
+            text,
+        })
+    })
+}
+
+/// The recordings in the folder of one.
+fn beside(path: &Path) -> Vec<PathBuf> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    named::of_folder(folder.unwrap_or(Path::new("."))).unwrap_or_default()
 }
 
 fn still_writes(run: &str) -> String {
@@ -120,6 +161,9 @@ fn show(
             writeln!(out, "{}", folder.sentence())?;
             for report in reports {
                 writeln!(out, "{}: {}", report.file, report.line)?;
+                if let Some(parted) = &report.parted {
+                    writeln!(out, "  {parted}")?;
+                }
             }
             for (_, why) in &folder.unread {
                 writeln!(out, "{why}")?;

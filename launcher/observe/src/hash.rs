@@ -145,6 +145,23 @@ impl Skips for LogHash {
     }
 }
 
+/// 64 bits over what the log hash has of a sample, of whichever topic and seat it is.
+#[must_use]
+pub fn fingerprint<T: Sample>(sample: &T) -> u64 {
+    let mut buffer = Vec::new();
+    append(&mut buffer, log_head(sample).map(u64::to_le_bytes).into_iter());
+    sample.visit(&mut Feed { out: &mut buffer, skips: PhantomData::<LogHash> });
+    let hash = blake3::hash(&buffer);
+    hash.as_bytes().first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes))
+}
+
+/// All of a header that is not the machine's, without comparing names sample by sample.
+fn log_head<T: Sample>(sample: &T) -> [u64; 6] {
+    let Header { sequence, release_ns, valid_ns, cause_sequence, input_sequence, seat, .. } =
+        *sample.header();
+    [sequence, release_ns, valid_ns, cause_sequence, input_sequence, seat.into()]
+}
+
 impl FlightHash {
     /// Adds a sample; per topic they must come in sequence.
     pub fn add<T: Sample>(&mut self, topic: &TopicInfo, sample: &T) {
@@ -164,11 +181,8 @@ impl FlightHash {
 impl LogHash {
     /// Adds a sample; per topic and seat they must come in sequence.
     pub fn add<T: Sample>(&mut self, topic: &TopicInfo, sample: &T) {
-        // All of the header that is not the machine's, without comparing names sample by sample.
-        let Header { sequence, release_ns, valid_ns, cause_sequence, input_sequence, seat, .. } =
-            *sample.header();
-        let head = [sequence, release_ns, valid_ns, cause_sequence, input_sequence, seat.into()];
-        self.0.add::<T, Self>((topic.id, seat), &head, sample);
+        let seat = sample.header().seat;
+        self.0.add::<T, Self>((topic.id, seat), &log_head(sample), sample);
     }
 
     /// 128 bits as hexadecimal.

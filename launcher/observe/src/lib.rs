@@ -23,7 +23,7 @@ pub mod usage;
 
 pub use command_audit::CommandTally;
 pub use facts::{FACTS, Fact, Facts, Part};
-pub use hash::{FlightHash, HASH_FORM, LogHash, kept_hash};
+pub use hash::{FlightHash, HASH_FORM, LogHash, fingerprint, kept_hash};
 pub use judgement::{Closing, ENDED, FLOWN_NS, describe_end, exit_code, read as read_end};
 pub use loops::{LoopLedger, Totals, missed, seat_name, sum};
 pub use metrics::{Effort, Metrics, News, VIOLATION_TOLERANCE};

@@ -16,6 +16,7 @@ mod life_key;
 mod lives;
 mod other;
 mod pairs;
+mod parting;
 mod report;
 mod source;
 mod tapes;
@@ -29,6 +30,7 @@ pub use lives::{Instance, Selection};
 
 pub use course::{Course, Repeats};
 pub use pairs::{Pair, difference, pairs};
+pub use parting::{Cause, Parting, are_of_one_scenario, parting};
 pub use tapes::Loss;
 pub use timing::{TimingError, timing_of};
 

@@ -9,6 +9,7 @@
 mod numbers;
 mod observe;
 mod orders;
+mod parted;
 mod pictures;
 mod pursuits;
 mod render;
@@ -17,6 +18,7 @@ mod response;
 pub use numbers::Number;
 pub(crate) use observe::Observed;
 pub use orders::Ordered;
+pub use parted::Parted;
 pub use pictures::pictures;
 pub use render::{Folder, document};
 pub use response::Response;
@@ -55,6 +57,8 @@ pub struct Report {
     pub orders: Vec<Ordered>,
     /// Changes of a slot's owner, as the flight recorded them.
     pub swaps: Value,
+    /// Another recording of the same scenario that is another flight, if one is known.
+    pub parted: Option<Parted>,
     /// Samples by topic and seat.
     pub audit: Vec<AuditRow>,
     /// Where the commands' time went.
@@ -116,6 +120,7 @@ impl Report {
             responses,
             orders,
             swaps: swaps.unwrap_or_else(|| json!([])),
+            parted: None,
             audit: observed.audit_rows(),
             latency,
             facts: flight.facts().clone(),
@@ -140,12 +145,12 @@ impl Report {
     #[must_use]
     pub fn to_json(&self) -> Value {
         let Self { file, scenario, line, lacks, again, numbers, responses, .. } = self;
-        let Self { orders, swaps, audit, facts, verdict, .. } = self;
+        let Self { orders, swaps, parted, audit, facts, verdict, .. } = self;
         let mut all = self.measured.clone();
         let of_the_file = json!({
             "file": file, "scenario": scenario, "pass": self.passes(), "line": line, "verdict": verdict,
             "lacks": lacks, "again": again, "numbers": numbers, "responses": responses, "orders": orders,
-            "swaps": swaps, "audit": audit, "latency": self.latency.to_json(),
+            "swaps": swaps, "parted": parted, "audit": audit, "latency": self.latency.to_json(),
             "latency_is_of_lockstep": self.is_lockstep(), "facts": facts,
         });
         all.extend(of_the_file.as_object().cloned().unwrap_or_default());

@@ -115,6 +115,9 @@ impl Report {
         if !self.lacks.is_empty() {
             document = document.paragraph(&self.lacks);
         }
+        if let Some(parted) = &self.parted {
+            document = document.paragraph(&parted.to_string());
+        }
         for section in SECTIONS {
             let (table, command) = self.table(section);
             document = document.heading(&capital(section)).table(&table);
@@ -258,6 +261,9 @@ impl fmt::Display for Report {
             writeln!(f, "{}", self.lacks)?;
         }
         writeln!(f, "Flown again by: {}", self.again)?;
+        if let Some(parted) = &self.parted {
+            writeln!(f, "{parted}")?;
+        }
         for section in SECTIONS {
             let (table, command) = self.table(section);
             write!(f, "\n{} (these numbers again: {command})\n{table}", capital(section))?;
