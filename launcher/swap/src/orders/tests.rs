@@ -151,8 +151,6 @@ fn a_swap_is_reported_step_by_step_until_its_window_is_over() {
     assert_eq!(flips.at_ns, Some(3_001_000_000));
     assert!(flips.text.contains("at 3.001000 s"), "{}", flips.text);
     flight.wait();
-    assert!(steps(&received()).is_empty(), "a trip may still be on its way");
-    flight.wait();
     let replies = received();
     assert_eq!(steps(&replies), ["swapped"], "{replies:?}");
     assert!(replies[0].is_last());

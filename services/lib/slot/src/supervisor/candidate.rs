@@ -4,7 +4,7 @@ use super::instances::{Instance, InstanceState};
 use super::message::{Action, Now, Rehearsed, SwapTerms};
 use super::reason::{Reason, RehearsalRefusal};
 use super::report::{Outcome, Report, Step};
-use super::{Clock, Goal, Phase, SlotMachine, Stage, Standby, step};
+use super::{Clock, Goal, Outgoing, Phase, SlotMachine, Stage, Standby, step};
 use crate::gate::{GateFigures, Refusal};
 use crate::record::Seat;
 
@@ -226,25 +226,6 @@ impl SlotMachine {
         step(out, Step::FlipsAt { seat: new, epoch, at_ns });
     }
 
-    /// The window has lasted long enough. An owner that is trusted is not watched from now on, but keeps its fallback until
-    /// the consumer has put that into effect: a trip may be on its way, and a record without the fallback would give the
-    /// slot back to the owner that has tripped.
-    pub(super) fn close(&mut self, now: Now, out: &mut Vec<Action>) {
-        let Phase::Window { new, old, order, closes, .. } = self.phase else { return };
-        let is_open = !closes && self.is_trusted(new);
-        if !is_open && self.ledger.outstanding.is_none_or(|_| !closes) {
-            return self.commit(now, (new, old), true, out);
-        }
-        self.phase = Phase::Window { new, old, until_ns: now.logical_ns, order, closes: true };
-        if is_open {
-            self.publish(now, new, None, out);
-        }
-        if let Phase::Window { until_ns, .. } = &mut self.phase {
-            let since_ns = now.logical_ns.max(self.ledger.effective_ns());
-            *until_ns = since_ns.saturating_add(self.config.close_ns.max(1));
-        }
-    }
-
     /// The window is over: the new owner stays, and the old one leaves unless it is to be the
     /// fallback of one that is not trusted, which it is not if it is to leave.
     pub(super) fn commit(
@@ -269,10 +250,37 @@ impl SlotMachine {
         self.settle(until_ns.min(now.logical_ns));
         if stays {
             step(out, Step::FallbackStays { seat: old, owner: new });
+        } else if may_stay && self.is_trusted(new) && self.instances.is_seated(old) {
+            if let Some(before) = self.outgoing.take() {
+                self.dismiss(before.seat, out);
+            }
+            let epoch = self.ledger.epoch() + 1;
+            self.outgoing =
+                Some(Outgoing { seat: old, epoch, is_confirmed: false, until_ns: u64::MAX });
         } else {
             self.dismiss(old, out);
         }
         self.publish(now, new, None, out);
+        if let Some(outgoing) = &mut self.outgoing {
+            outgoing.until_ns = self.ledger.effective_ns().saturating_add(self.config.close_ns);
+        }
+    }
+
+    /// The fallback of a window that is over leaves, if the end of the window has been confirmed.
+    pub(super) fn send_fallback_away(&mut self, now: Now, out: &mut Vec<Action>) {
+        let Some(Outgoing { seat, is_confirmed, until_ns, .. }) = &mut self.outgoing else {
+            return;
+        };
+        if !*is_confirmed {
+            *until_ns = now.logical_ns.saturating_add(self.config.close_ns.max(1));
+            return;
+        }
+        let seat = *seat;
+        self.outgoing = None;
+        self.dismiss(seat, out);
+        if let Some(owner) = self.ledger.owner().filter(|owner| self.instances.is_seated(*owner)) {
+            self.publish(now, owner, None, out);
+        }
     }
 
     /// Sees to it that an owner that is not trusted has a fallback that is: the standby that is there; or `last`, the

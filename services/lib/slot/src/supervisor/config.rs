@@ -27,7 +27,7 @@ pub struct SlotConfig {
     /// From a record's instant until it is written again, if it is not confirmed.
     pub acknowledge_ns: u64,
     /// From the end of a rollback window until the old owner leaves, if that end is confirmed: more than a consumer takes
-    /// to report a trip.
+    /// to report a trip, or to be replaced because it has ignored one.
     pub close_ns: u64,
     /// Flips that are not confirmed so often are taken back.
     pub tries_max: u32,
@@ -51,7 +51,7 @@ impl SlotConfig {
         restart_ns: 100_000_000,
         unguided_ns: 200_000_000,
         acknowledge_ns: 500_000_000,
-        close_ns: 50_000_000,
+        close_ns: 100_000_000,
         tries_max: 5,
         standby_losses_max: 3,
         keeps_fallback: true,

@@ -138,6 +138,7 @@ impl SlotMachine {
     fn lost(&mut self, now: Now, seat: Seat, fault: Fault, at_ns: u64, out: &mut Vec<Action>) {
         let stood_by = self.standby.is_some_and(|standby| standby.seat == Some(seat));
         self.forget_standby(seat);
+        let was_outgoing = self.outgoing.take_if(|outgoing| outgoing.seat == seat).is_some();
         if stood_by {
             step(out, Step::StandbyLost(seat, fault));
         }
@@ -163,7 +164,7 @@ impl SlotMachine {
                 self.count_standby_loss(false, out);
                 self.republish(now, at_ns, out);
             }
-            _ if stood_by => self.republish(now, at_ns, out),
+            _ if stood_by || was_outgoing => self.republish(now, at_ns, out),
             _ => {}
         }
     }
@@ -204,6 +205,7 @@ impl SlotMachine {
             let is_trusted = self.is_trusted(heir);
             self.standby.take_if(|standby| standby.automatic && is_trusted);
             self.forget_standby(heir);
+            self.outgoing.take_if(|outgoing| outgoing.seat == heir);
             if !is_trusted {
                 self.keep_fallback(None, self.config.standby_shadow_ns, out);
             }

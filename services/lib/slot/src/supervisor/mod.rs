@@ -61,9 +61,8 @@ enum Phase {
     Shadowing { seat: Seat, goal: Goal, track_until_ns: u64, until_ns: u64, stage: Stage },
     /// A record from `epoch` on names it as the owner. Its window ends at `ends_ns` at the earliest.
     Flipping { new: Seat, old: Seat, epoch: u64, order: SwapTerms, ends_ns: u64 },
-    /// It commands; the old owner is the fallback. `closes`: it is watched no more, and the fallback stays until the
-    /// consumer has confirmed that no trip came before.
-    Window { new: Seat, old: Seat, until_ns: u64, order: SwapTerms, closes: bool },
+    /// It commands; the old owner is the fallback.
+    Window { new: Seat, old: Seat, until_ns: u64, order: SwapTerms },
     /// A record from `epoch` on names the old owner again; the other one is healthy and leaves when
     /// that is confirmed.
     Reverting { from: Seat, to: Seat, epoch: u64, asked: bool },
@@ -139,6 +138,8 @@ pub struct SlotMachine {
     restarted: Option<(Program, u64)>,
     /// An owner without usable commands, and when it is sent away.
     useless: Option<Useless>,
+    /// The fallback of a rollback window that is over, and when it is sent away.
+    outgoing: Option<Outgoing>,
     /// By seat: what sits there is not trusted although its program is, since it was let through by force, or found
     /// watched.
     untrusted: [bool; SEATS],
@@ -152,6 +153,19 @@ struct Useless {
     fault: Fault,
     /// When it is dealt with: in lockstep beyond all that can have been allowed \[ns\].
     due_ns: u64,
+}
+
+/// The old owner after the window of one that is trusted, which is not watched any more. A trip may still be on its way,
+/// and a record without the fallback would give the slot back to the owner that has tripped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Outgoing {
+    seat: Seat,
+    /// Epoch of the record that ends the window.
+    epoch: u64,
+    /// The consumer has put it into effect.
+    is_confirmed: bool,
+    /// Then what came before it is known \[ns\].
+    until_ns: u64,
 }
 
 impl SlotMachine {
@@ -170,6 +184,7 @@ impl SlotMachine {
             home: program,
             restarted: None,
             useless: None,
+            outgoing: None,
             untrusted: [false; SEATS],
         }
     }
@@ -218,6 +233,7 @@ impl SlotMachine {
             home,
             restarted: None,
             useless: None,
+            outgoing: None,
             untrusted: [false; SEATS],
         };
         slot.untrusted[record.owner.index()] = record.watched;
@@ -283,7 +299,8 @@ impl SlotMachine {
         };
         let outstanding_ns = self.ledger.outstanding.map(|outstanding| outstanding.until_ns);
         let useless_ns = self.useless.map(|useless| useless.due_ns);
-        [phase_ns, outstanding_ns, useless_ns].into_iter().flatten().min()
+        let outgoing_ns = self.outgoing.map(|outgoing| outgoing.until_ns);
+        [phase_ns, outstanding_ns, useless_ns, outgoing_ns].into_iter().flatten().min()
     }
 
     /// True while lockstep time must stand still: a process is being started or flown ahead, or the
@@ -327,7 +344,9 @@ impl SlotMachine {
     /// True if nothing is going on: an owner commands, and its record is confirmed.
     #[must_use]
     pub fn is_quiet(&self) -> bool {
-        matches!(self.phase, Phase::Steady { .. }) && self.ledger.outstanding.is_none()
+        matches!(self.phase, Phase::Steady { .. })
+            && self.ledger.outstanding.is_none()
+            && self.outgoing.is_none()
     }
 
     /// Seat of the candidate that joins or shadows.
@@ -372,6 +391,9 @@ impl SlotMachine {
         if let Some(useless) = self.useless.take_if(|useless| due(useless.due_ns)) {
             self.clear_seat(now, useless, out);
         }
+        if self.outgoing.is_some_and(|outgoing| due(outgoing.until_ns)) {
+            self.send_fallback_away(now, out);
+        }
         match self.phase {
             Phase::Ownerless { seat, at_ns: Some(at_ns) } if due(at_ns) => {
                 self.start_owner(now, seat, out);
@@ -383,7 +405,9 @@ impl SlotMachine {
                 self.run_free(out);
             }
             Phase::Shadowing { until_ns, stage: Stage::Free, .. } if due(until_ns) => self.ask(out),
-            Phase::Window { until_ns, .. } if due(until_ns) => self.close(now, out),
+            Phase::Window { new, old, until_ns, .. } if due(until_ns) => {
+                self.commit(now, (new, old), true, out);
+            }
             Phase::Flipping { new, order, ref mut ends_ns, .. } if due(*ends_ns) => {
                 // Not confirmed until now, so that the window begins later.
                 let least_ns = order.rollback_ns.max(self.instances.period_ns(new)).max(1);

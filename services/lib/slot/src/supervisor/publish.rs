@@ -78,7 +78,7 @@ impl SlotMachine {
     /// Whether the monitor judges `owner`: around its own flip, and for as long as it is not trusted.
     pub(super) fn is_watched(&self, owner: Seat) -> bool {
         let is_new = match self.phase {
-            Phase::Flipping { new, .. } | Phase::Window { new, closes: false, .. } => new == owner,
+            Phase::Flipping { new, .. } | Phase::Window { new, .. } => new == owner,
             _ => false,
         };
         is_new || !self.is_trusted(owner)
@@ -100,9 +100,10 @@ impl SlotMachine {
             Phase::Reverting { from, .. } => Some(from),
             _ => None,
         };
+        let outgoing = self.outgoing.map(|outgoing| outgoing.seat);
         let standby = self.standby.and_then(|standby| standby.seat);
         let fit = |seat: &Seat| *seat != owner && self.instances.is_seated(*seat);
-        other.filter(fit).or_else(|| standby.filter(fit))
+        [other, outgoing, standby].into_iter().flatten().find(fit)
     }
 
     /// Writes the newest record again for a later instant, as things are now. A flip that is never
@@ -149,6 +150,16 @@ impl SlotMachine {
         if epoch == self.ledger.epoch() {
             self.ledger.outstanding = None;
         }
+        if let Some(outgoing) = self.outgoing.as_mut().filter(|outgoing| outgoing.epoch <= epoch) {
+            // A record that came late is in effect since then.
+            let until_ns = at_ns.saturating_add(self.config.close_ns);
+            outgoing.until_ns = if outgoing.is_confirmed {
+                outgoing.until_ns
+            } else {
+                outgoing.until_ns.max(until_ns)
+            };
+            outgoing.is_confirmed = true;
+        }
         match self.phase {
             Phase::Flipping { new, old, epoch: from, order, .. } if epoch >= from => {
                 // The consumer reports it at its next step; its record states from when on.
@@ -156,7 +167,7 @@ impl SlotMachine {
                 let since_ns = record.map_or(at_ns, |record| record.effective_ns.min(at_ns));
                 step(out, Step::Flipped { seat: new, epoch, at_ns: since_ns });
                 let until_ns = at_ns.saturating_add(order.rollback_ns);
-                self.phase = Phase::Window { new, old, until_ns, order, closes: false };
+                self.phase = Phase::Window { new, old, until_ns, order };
                 if !self.instances.is_seated(old) {
                     self.commit(now, (new, old), true, out);
                 }

@@ -36,11 +36,11 @@ fn a_same_kind_swap_in_lockstep_follows_the_script_to_the_nanosecond() {
     let closing = bench.record();
     assert_eq!((closing.fallback, closing.watched), (Some(SEAT[0]), false));
     assert_eq!(closing.effective_ns, 4901 * MS);
+    assert!(bench.has(|action| *action == Action::Report(Report::Done(SEAT[1], Outcome::Swapped))));
     bench.confirm();
-    assert_eq!(bench.slot.deadline_ns(), Some(4951 * MS));
+    assert_eq!(bench.slot.deadline_ns(), Some(5001 * MS));
     bench.wait();
     assert!(bench.has(|action| *action == Action::AwaitExit(SEAT[0])));
-    assert!(bench.has(|action| *action == Action::Report(Report::Done(SEAT[1], Outcome::Swapped))));
     assert_eq!(bench.record().fallback, None);
     bench.confirm().on(Event::Died(SEAT[0]));
     assert!(bench.slot.is_quiet() && !bench.slot.is_taken(SEAT[0]));
@@ -67,8 +67,40 @@ fn a_trip_just_before_the_end_of_the_window_of_a_trusted_owner_counts() {
     assert_eq!(bench.record().fallback, Some(SEAT[0]));
     bench.on(Event::Acknowledged { epoch: closing.epoch, seat: SEAT[0], at_ns: ends_ns });
     bench.on(Event::Tripped { epoch: closing.epoch, at_ns: ends_ns });
-    assert_eq!(bench.refusal(), Some(&Reason::Fault(Fault::Tripped)));
-    assert_eq!(bench.record().owner, SEAT[0]);
+    let step = Step::TookOver { seat: SEAT[0], from: SEAT[1], fault: Fault::Tripped };
+    assert!(bench.has(|action| *action == Action::Report(Report::Step(step.clone()))));
+    assert_eq!((bench.record().owner, bench.record().fallback), (SEAT[0], None));
+    assert!(bench.has(|action| *action == Action::AwaitExit(SEAT[1])));
+}
+
+#[test]
+fn the_fallback_of_a_window_that_is_over_may_be_swapped_to_retired_or_lost_at_once() {
+    let over = || {
+        let mut bench = Bench::in_window(SlotConfig::LOCKSTEP);
+        bench.wait().confirm();
+        assert_eq!(bench.record().fallback, Some(SEAT[0]));
+        bench
+    };
+    let mut bench = over();
+    bench.on(Event::Request(Request::Swap(Target::Seated(SEAT[0]), order(200 * MS))));
+    bench.wait().pass(SEAT[0]);
+    assert_eq!((bench.record().owner, bench.record().fallback), (SEAT[0], Some(SEAT[1])));
+    let mut bench = over();
+    bench.on(Event::Request(Request::Swap(Target::New(program(1)), order(200 * MS))));
+    assert!(bench.has(|action| *action == Action::Spawn(SEAT[2], program(1))), "at once");
+    bench.on(Event::Ready(SEAT[2], instance(7))).confirm().wait();
+    assert!(bench.has(|action| *action == Action::AwaitExit(SEAT[0])), "{:?}", bench.actions);
+    for event in [Event::Request(Request::Retire(SEAT[0])), Event::Died(SEAT[0])] {
+        let mut bench = over();
+        bench.on(event);
+        assert_eq!((bench.record().owner, bench.record().fallback), (SEAT[1], None));
+        assert_eq!(bench.confirm().slot.deadline_ns(), None);
+    }
+    // The new owner may be lost as well.
+    let mut bench = over();
+    bench.on(Event::Died(SEAT[1]));
+    assert_eq!((bench.record().owner, bench.record().fallback), (SEAT[0], None));
+    assert_eq!(bench.confirm().slot.deadline_ns(), None);
 }
 
 /// Otherwise the window would end wherever allowed time has got before the confirmation is received.

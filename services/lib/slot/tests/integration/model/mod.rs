@@ -121,6 +121,9 @@ fn in_realtime_nothing_unwanted_can_happen() {
     holds(Clock::Realtime, Budget::new(1, 0, 1));
     holds(Clock::Realtime, Budget::new(0, 1, 1));
     holds(Clock::Realtime, Budget::new(1, 1, u64::from(large())));
+    if large() {
+        holds(Clock::Realtime, Budget::new(1, 1, 0).with_records(3));
+    }
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! What may happen next.
 
 use super::world::{
-    CREDIT, Flaw, LATENCY, LEVEL, Message, OTHER_KIND, OWNER, Process, RECORD_PATIENCE, REHEARSAL,
-    SAME_KIND, STANDBY, World, config,
+    CREDIT, Flaw, LATENCY, LEVEL, Message, OTHER_KIND, OWNER, Process, REHEARSAL, SAME_KIND,
+    STANDBY, World, config,
 };
 use slot::{
     Clock, Event, Fault, GateFigures, Instance, Program, Refusal, RehearsalRefusal, Rehearsed,
@@ -32,6 +32,10 @@ pub(crate) enum Move {
     Rehearsed(bool, u64),
     /// The monitor trips the watched owner; the gate levels the vehicle for so many ticks first.
     Trip(u64),
+    /// It does, and the consumer ignores that.
+    IgnoredTrip,
+    /// Another consumer follows the slot instead, which has not.
+    Replace,
     /// A process that is to leave does.
     Exit(Seat),
     /// The launcher notices a death.
@@ -89,6 +93,9 @@ impl World {
     fn on_the_way(&self, moves: &mut Vec<Move>) {
         if !self.records.is_empty() {
             moves.push(Move::Deliver);
+        }
+        if self.successor.as_ref().is_some_and(|(.., at)| self.t >= *at) {
+            moves.push(Move::Replace);
         }
         for seat in Seat::ALL {
             if let Process::Flying { mute: Some(_), .. } = self.processes[seat.index()] {
@@ -164,10 +171,11 @@ impl World {
         let lockstep = self.clock == Clock::Lockstep;
         // What was written before time was allowed is there before it runs.
         let record = self.records.first().is_some_and(|(_, sent)| {
-            if lockstep { self.t >= *sent } else { self.t >= sent + RECORD_PATIENCE }
+            if lockstep { self.t >= *sent } else { self.t >= sent + self.budget.record_patience }
         });
+        let replacement = self.successor.as_ref().is_some_and(|(.., at)| self.t >= *at);
         if self.slot.is_none() {
-            return record;
+            return record || replacement;
         }
         let message = self.messages.first().is_some_and(|(_, sent)| late(*sent));
         let deadline = self.slot.as_ref().and_then(SlotMachine::deadline_ns);
@@ -179,7 +187,8 @@ impl World {
             Process::Flying { leaving: Some(since), .. } => self.may_exit(seat) && late(since + 2),
             _ => false,
         });
-        record || message || time || seats || self.judging.is_some() || self.rehearsing.is_some()
+        let answer = self.judging.is_some() || self.rehearsing.is_some();
+        record || message || time || seats || replacement || answer
     }
 
     /// Lockstep: how far the conductor lets time go.
@@ -200,6 +209,9 @@ impl World {
                 && !self.consumer.failed_over()
             {
                 moves.extend([0, LEVEL].map(Move::Trip));
+                if self.successor.is_none() {
+                    moves.push(Move::IgnoredTrip);
+                }
             }
             for seat in Seat::ALL {
                 match self.processes[seat.index()] {
@@ -248,6 +260,11 @@ impl World {
                 self.budget.misfortunes -= 1;
                 self.trip(level);
             }
+            Move::IgnoredTrip => {
+                self.budget.misfortunes -= 1;
+                self.ignore_trip();
+            }
+            Move::Replace => self.replace_consumer(),
             Move::Exit(seat) => self.die(seat),
             Move::NoticeDeath(seat) => {
                 self.processes[seat.index()] = Process::Gone;
@@ -280,6 +297,9 @@ impl World {
             Move::Adopt => self.adopt(),
             Move::Ask(request) => {
                 self.budget.requests -= 1;
+                if let Request::Retire(seat) = request {
+                    self.retired[seat.index()] = true;
+                }
                 self.notify(Event::Request(request));
             }
         }

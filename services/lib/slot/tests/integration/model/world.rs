@@ -7,10 +7,10 @@ use slot::{
     Program, REJECTED_AFTER_TRIP_NS, Record, SEATS, Seat, SlotConfig, SlotMachine, Source,
 };
 
+/// After this a consumer that ignores a trip is itself replaced: sooner than the end of a window is acted upon \[ticks\].
+pub(crate) const REPLACED_WITHIN: u64 = 1;
 /// If it has not come to rest by then, it never will.
 pub(crate) const NEVER: u64 = 80;
-/// The longest that a record waits: long enough to come too late \[ticks\].
-pub(crate) const RECORD_PATIENCE: u64 = 3;
 /// Lockstep: how far allowed time runs ahead \[ticks\].
 pub(crate) const CREDIT: u64 = 2;
 /// How old the answer of a rehearsal may be \[ticks\].
@@ -31,11 +31,18 @@ pub(crate) struct Budget {
     pub requests: u8,
     /// The longest that anything but a record waits \[ticks\].
     pub patience: u64,
+    /// The longest that a record waits: long enough to come too late \[ticks\].
+    pub record_patience: u64,
 }
 
 impl Budget {
     pub(crate) const fn new(misfortunes: u8, requests: u8, patience: u64) -> Self {
-        Self { misfortunes, requests, patience }
+        Self { misfortunes, requests, patience, record_patience: 2 }
+    }
+
+    /// The same with records that wait for so long.
+    pub(crate) const fn with_records(self, record_patience: u64) -> Self {
+        Self { record_patience, ..self }
     }
 }
 
@@ -106,6 +113,8 @@ pub(crate) struct World {
     pub slot: Option<SlotMachine>,
     pub consumer: Consumer,
     pub commands: Commands,
+    /// What is to follow the slot in place of a consumer that has ignored a trip, and when.
+    pub successor: Option<(Consumer, Commands, u64)>,
     pub processes: [Process; SEATS],
     /// On the way to the plant, with when (lockstep: at which end of allowed time) it was sent.
     pub records: Vec<(Record, u64)>,
@@ -129,6 +138,8 @@ pub(crate) struct World {
     /// Until then the gate levels the vehicle, whichever process commands.
     level_until: u64,
     followed: Option<Seat>,
+    /// By seat: a user has retired what sat there.
+    pub retired: [bool; SEATS],
     /// Since when the plant has been on its own.
     alone: Option<u64>,
     pub broken: Option<Broken>,
@@ -181,6 +192,7 @@ impl World {
             slot: Some(SlotMachine::new(config, Seat::ALL[0], OWNER)),
             consumer: Consumer::new(REJECTED_AFTER_TRIP_NS),
             commands: Commands(CommandBuffer::new()),
+            successor: None,
             processes: [Process::Gone; SEATS],
             records: Vec::new(),
             messages: Vec::new(),
@@ -194,6 +206,7 @@ impl World {
             tripped: 0,
             level_until: 0,
             followed: None,
+            retired: [false; SEATS],
             alone: None,
             broken: None,
         };
@@ -299,6 +312,9 @@ impl World {
         } else if self.consumer.take_record(&record) == slot::Taken::Accepted {
             self.accept(&record);
         }
+        if let Some((consumer, ..)) = &mut self.successor {
+            let _ = consumer.take_record(&record);
+        }
         self.report();
     }
 
@@ -312,6 +328,37 @@ impl World {
 
     /// The plant's tick.
     pub(crate) fn tick(&mut self) {
+        let t = self.t;
+        if self.successor.is_some() {
+            self.exchange_consumers();
+            self.follow();
+            self.decide();
+            self.exchange_consumers();
+        }
+        self.follow();
+        let choice = self.decide();
+        let before = self.followed;
+        let levels = t < self.level_until;
+        self.followed = choice.map(|choice| choice.seat).filter(|_| !levels);
+        self.judge(choice.map(|choice| (choice.seat, choice.source, choice.command)));
+        let sent = self.messages.len();
+        self.report();
+        self.complain();
+        let changed = before != self.followed || self.messages.len() > sent;
+        self.calm = if changed { 0 } else { (self.calm + 1).min(3) };
+        self.t += 1;
+    }
+
+    /// What replaces the consumer does as it does, at each tick.
+    fn exchange_consumers(&mut self) {
+        if let Some((consumer, commands, _)) = &mut self.successor {
+            core::mem::swap(consumer, &mut self.consumer);
+            core::mem::swap(commands, &mut self.commands);
+        }
+    }
+
+    /// The consumer takes what is due, and every command there is.
+    fn follow(&mut self) {
         let t = self.t;
         if let Some(turn) = self.consumer.advance(t) {
             self.commands.0.turn(&turn);
@@ -330,7 +377,12 @@ impl World {
             let memory = slot::ConsumerMemory { failed_over: false, ..self.consumer.memory() };
             self.consumer.restore(&memory);
         }
-        let choice = if self.flaw == Some(Flaw::NeverFailsOver) {
+    }
+
+    /// Which command the consumer follows.
+    fn decide(&mut self) -> Option<slot::Choice> {
+        let t = self.t;
+        if self.flaw == Some(Flaw::NeverFailsOver) {
             let mut alone = self.consumer.clone();
             let choice = self.commands.0.decide(&mut alone, t);
             if choice.is_some_and(|choice| choice.source == Source::Fallback) {
@@ -342,17 +394,7 @@ impl World {
             }
         } else {
             self.commands.0.decide(&mut self.consumer, t)
-        };
-        let before = self.followed;
-        let levels = self.t < self.level_until;
-        self.followed = choice.map(|choice| choice.seat).filter(|_| !levels);
-        self.judge(choice.map(|choice| (choice.seat, choice.source, choice.command)));
-        let sent = self.messages.len();
-        self.report();
-        self.complain();
-        let changed = before != self.followed || self.messages.len() > sent;
-        self.calm = if changed { 0 } else { (self.calm + 1).min(3) };
-        self.t += 1;
+        }
     }
 
     /// The monitor's trip takes effect at the plant's next tick.
@@ -367,6 +409,29 @@ impl World {
         self.tripped = record.epoch;
         self.level_until = self.t + level;
         self.send(Message::Tripped { epoch: record.epoch, at_ns: self.t });
+    }
+
+    /// The same, which the consumer ignores. It is replaced by one that takes it.
+    pub(crate) fn ignore_trip(&mut self) {
+        let Some(record) = self.consumer.record().copied() else { return };
+        let mut successor = self.consumer.clone();
+        successor.trip(record.epoch, record.owner, self.t);
+        self.successor = Some((successor, self.commands.clone(), self.t + REPLACED_WITHIN));
+    }
+
+    /// Another consumer follows the slot, and reports what it has known all along.
+    pub(crate) fn replace_consumer(&mut self) {
+        let Some((consumer, commands, _)) = self.successor.take() else { return };
+        (self.consumer, self.commands) = (consumer, commands);
+        self.report();
+        if self.consumer.tripped() {
+            let epoch = self.consumer.epoch();
+            self.tripped = epoch;
+            self.send(Message::Tripped { epoch, at_ns: self.t });
+        }
+        if self.consumer.failed_over() {
+            self.latched = self.consumer.epoch();
+        }
     }
 
     fn offer(&mut self, seat: Seat, command: &Command) {
@@ -442,21 +507,27 @@ impl World {
         }
     }
 
-    /// What was so in `epoch` is so under `record` if no record since has named another owner, nor another fallback that is
-    /// there. Without one the owner may have been started again.
+    /// What was so in `epoch` is so under `record` if no record since has named another owner or fallback: the monitor trips
+    /// that owner again. One without a fallback may have been started again, unless it is the fallback of a window that is
+    /// over which has left; and a user who retires the fallback retires what the trip led to.
     fn carried(&self, epoch: u64, record: &Record) -> u64 {
-        let mut since = self.accepted.iter().filter(|r| (epoch..=record.epoch).contains(&r.epoch));
-        let fallback = self.accepted.iter().find(|r| r.epoch == epoch).and_then(|r| r.fallback);
-        let is_there = fallback.is_some_and(|seat| {
-            matches!(self.processes[seat.index()], Process::Flying { mute: None, .. })
-        });
-        let is_same = |between: &Record| {
-            between.same_hands(record)
-                || is_there && between.owner == record.owner && record.fallback.is_none()
+        let since = || self.accepted.iter().filter(|r| (epoch..=record.epoch).contains(&r.epoch));
+        let is_there = |seat: Seat| {
+            let process = &self.processes[seat.index()];
+            let is_retired = self.retired[seat.index()];
+            matches!(process, Process::Flying { mute: None, .. }) && !is_retired
         };
-        let is_followed = is_there || record.fallback.is_some_and(|seat| record.is_taken(seat));
-        let is_carried = is_followed && since.all(is_same);
-        if epoch > 0 && (epoch == record.epoch || is_carried) { record.epoch } else { 0 }
+        let fallback = since().find(|r| r.epoch == epoch).and_then(|r| r.fallback);
+        let is_followed = record.fallback.is_some_and(|seat| record.is_taken(seat));
+        let is_same = since().all(|between| between.same_hands(record));
+        let is_closed = since().all(|between| between.owner == record.owner)
+            && !record.watched
+            && fallback.is_some_and(is_there);
+        if epoch > 0 && (epoch == record.epoch || is_same && is_followed || is_closed) {
+            record.epoch
+        } else {
+            0
+        }
     }
 
     /// True if the process that `record` seats there has a valid command under it.
@@ -477,7 +548,7 @@ impl World {
         if let (Some(record), Some(seat)) = (self.consumer.record(), self.consumer.seat_in_effect())
             && record.epoch != epoch
         {
-            let at_ns = record.effective_ns;
+            let at_ns = self.t;
             self.send(Message::Acknowledged { epoch: record.epoch, seat, at_ns });
         }
         if counters.refused_records != refused {
@@ -515,7 +586,10 @@ impl World {
         let at_rest = |process: &Process| {
             matches!(process, Process::Gone | Process::Flying { mute: None, leaving: None, .. })
         };
-        let still = self.records.is_empty() && self.messages.is_empty() && self.calm >= 2;
+        let still = self.records.is_empty()
+            && self.messages.is_empty()
+            && self.successor.is_none()
+            && self.calm >= 2;
         match &self.slot {
             None => still && self.written.is_none_or(|record| record.effective_ns <= self.t),
             Some(slot) => {
