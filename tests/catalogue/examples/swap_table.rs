@@ -1,11 +1,14 @@
 //! Swaps the entries of the catalogue into flights with all safeguards, with the monitor alone and without
 //! any, and compares the ground truth with the same flight without a swap.
 //!
-//! `swap_table [attitude|position] [all|watch|none] [good] [patient] [pairs] [python] [SEEDS] [KEY=VALUE...] [ENTRY...]`:
+//! `swap_table [attitude|position] [all|watch|none] [good] [patient] [pairs] [python] [SEEDS] [FILE.jsonl] [KEY=VALUE...]
+//! [ENTRY...]`:
 //! `good` flies every shipped controller in place of every other, `patient` those with a fault that begins after
 //! rehearsal and rollback window, `pairs` each of those in the position slot after an attitude controller of
 //! `entries_of_pairs`, `python` the controllers in Python, good or bad, and `KEY=VALUE` sets a key of the scenario, for
-//! example `monitor.rate_hz=200.0`. Run it after `cargo build --release --workspace --examples --bins`; Python needs
+//! example `monitor.rate_hz=200.0`. Each flight becomes a line of the file, and what the file has of this build is not flown
+//! again. Ends with 1 if one with all safeguards is lost, goes farther than 0.5 m, tilts by more than 60 degrees, is not
+//! reported or cannot be flown. Run it after `cargo build --release --workspace --examples --bins`; Python needs
 //! the environment of `services/attitude-python/README.md`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
@@ -17,11 +20,19 @@ use catalogue::swapped::{
 use catalogue::{Entry, Fault, entries, entries_of_pairs, patient_entries};
 use scenario::Override;
 use scenario::services::names_for;
+use serde::{Deserialize, Serialize};
 use shared_types::Slot;
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::UNIX_EPOCH;
+
+/// Name of a journal's file, at its end.
+const JOURNAL: &str = ".jsonl";
 
 /// The controller that is swapped in.
 #[derive(Clone)]
@@ -69,7 +80,66 @@ struct Selection {
     bad: Bad,
     python: bool,
     settings: Vec<Override>,
+    /// The settings as they were given.
+    given: Vec<String>,
     named: Vec<String>,
+    /// Results of this run and of those that it goes on with.
+    journal: Option<PathBuf>,
+}
+
+/// What has been flown, by flight.
+struct Journal {
+    known: BTreeMap<String, Swapped>,
+    file: Option<Mutex<File>>,
+    /// Of this build and these settings.
+    prefix: String,
+}
+
+/// A line of the journal.
+#[derive(Deserialize, Serialize)]
+struct Line {
+    flight: String,
+    flown: Swapped,
+}
+
+impl Journal {
+    fn open(selection: &Selection) -> Self {
+        let modified = std::fs::metadata(executable()).and_then(|built| built.modified());
+        let since = modified.expect("the catalogue").duration_since(UNIX_EPOCH);
+        let built_ms = since.expect("a time").as_millis();
+        let prefix = format!("{built_ms} {}", selection.given.join(" "));
+        let Some(path) = &selection.journal else {
+            return Self { known: BTreeMap::new(), file: None, prefix };
+        };
+        let text = std::fs::read_to_string(path).unwrap_or_default();
+        // The last line of a run that was killed may be cut.
+        let lines = text.lines().filter_map(|line| serde_json::from_str::<Line>(line).ok());
+        let known = lines.map(|line| (line.flight, line.flown)).collect();
+        let file = File::options().create(true).append(true).open(path).expect("the journal");
+        Self { known, file: Some(Mutex::new(file)), prefix }
+    }
+
+    fn name(&self, case: &Case) -> String {
+        let Case { situation, seed, slot, guard, .. } = case;
+        let (slot, guard) = (slot.label(), guard.name());
+        format!("{} {slot} {} {} {seed} {guard}", self.prefix, case.name(), situation.name)
+    }
+
+    fn keep(&self, case: &Case, flown: &Swapped) {
+        let Some(file) = &self.file else { return };
+        let line = Line { flight: self.name(case), flown: flown.clone() };
+        let text = serde_json::to_string(&line).expect("numbers");
+        // A cut line ends before the next one begins.
+        writeln!(file.lock().expect("no panic"), "\n{text}").expect("room");
+    }
+}
+
+impl Case {
+    /// The candidate, and whom it replaces if that is not the scenario's own controller.
+    fn name(&self) -> String {
+        let holder = self.holder.map_or(String::new(), |(_, name)| format!(" for {name}"));
+        self.candidate.name() + &holder
+    }
 }
 
 #[derive(Default)]
@@ -120,11 +190,13 @@ impl Selection {
         let named = arguments.iter().filter(|argument| {
             argument.parse::<u64>().is_err()
                 && !argument.contains('=')
+                && !argument.ends_with(JOURNAL)
                 && Slot::named(argument).is_none()
                 && !known.contains(&argument.as_str())
         });
         let given = arguments.iter().filter(|argument| argument.contains('='));
-        let given = given.map(|argument| Override::set(argument).expect("a setting"));
+        let given: Vec<String> = given.cloned().collect();
+        let set = given.iter().map(|argument| Override::set(argument).expect("a setting"));
         Self {
             slots: Slot::ALL.into_iter().filter(|slot| only.is_none_or(|o| o == *slot)).collect(),
             guards: guards.map(|(guard, _)| guard).collect(),
@@ -138,8 +210,10 @@ impl Selection {
             python: has("python"),
             settings: (if has("pairs") { pair_settings() } else { Vec::new() })
                 .into_iter()
-                .chain(given)
+                .chain(set)
                 .collect(),
+            journal: arguments.iter().find(|a| a.ends_with(JOURNAL)).map(PathBuf::from),
+            given,
             named: named.cloned().collect(),
         }
     }
@@ -214,22 +288,29 @@ impl Selection {
     }
 }
 
-fn main() {
+fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     if arguments.first().is_some_and(|argument| argument == "types") {
         // A controller in Python gets the layout of samples from the executable that started it.
         print!("{}", protocol::samples::python());
-        return;
+        return ExitCode::SUCCESS;
     }
     let selection = Selection::read(&arguments);
     let cases = selection.cases();
+    let journal = Journal::open(&selection);
     let next = AtomicUsize::new(0);
+    let faults = AtomicUsize::new(0);
     let rows: Mutex<Rows> = Mutex::default();
     let plains: Mutex<Plains> = Mutex::default();
     std::thread::scope(|scope| {
         for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
             scope.spawn(|| {
                 while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    if let Some(flown) = journal.known.get(&journal.name(case)) {
+                        let is_fault = note(case, flown, &mut rows.lock().expect("no panic"));
+                        faults.fetch_add(usize::from(is_fault), Ordering::Relaxed);
+                        continue;
+                    }
                     let holder = case.holder.map(|(_, name)| name);
                     let key = (case.situation.name, case.seed, holder);
                     let known = plains.lock().expect("no panic").get(&key).cloned();
@@ -241,12 +322,17 @@ fn main() {
                         made
                     });
                     let flown = fly(case, &unswapped);
-                    note(case, &flown, &mut rows.lock().expect("no panic"));
+                    if flown.excursion_m.is_finite() {
+                        journal.keep(case, &flown);
+                    }
+                    let is_fault = note(case, &flown, &mut rows.lock().expect("no panic"));
+                    faults.fetch_add(usize::from(is_fault), Ordering::Relaxed);
                 }
             });
         }
     });
     print_table(&rows.into_inner().expect("no panic"));
+    if faults.into_inner() > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS }
 }
 
 /// The executable `catalogue` of this build.
@@ -306,9 +392,9 @@ fn not_flown(error: Box<dyn std::error::Error>) -> Swapped {
     }
 }
 
-fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
-    let holder = case.holder.map_or(String::new(), |(_, name)| format!(" for {name}"));
-    let name = case.candidate.name() + &holder;
+/// Counts a flight. True if the safeguards have not done what they are for.
+fn note(case: &Case, flown: &Swapped, rows: &mut Rows) -> bool {
+    let name = case.name();
     let row = rows.entry((case.slot.label(), name.clone())).or_default();
     let row = row.entry(case.guard.name()).or_default();
     row.flights += 1;
@@ -343,6 +429,7 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
             flown.outcome
         );
     }
+    case.guard == Guard::All && (hurts || is_unreported)
 }
 
 fn print_table(rows: &Rows) {

@@ -6,6 +6,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use observe::Observer;
 use record::read::RecordedFlight;
 use scenario::{Override, Scenario};
+use serde::{Deserialize, Serialize};
 use shared_types::{
     GateMode, Header, OwnerRecord, Sample, Slot, Topic, Trip, TripCause, Truth, topics,
 };
@@ -165,7 +166,7 @@ impl Observer for Course {
 }
 
 /// Result of a flight with a swap, compared with the same flight without one.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 pub struct Swapped {
     /// How the vehicle was lost; `None` if it was not.
     pub lost: Option<String>,
@@ -192,7 +193,7 @@ pub struct Swapped {
     /// How the swap ended, as the launcher reports it.
     pub outcome: String,
     /// Slots with a trip, but without a swap that is reported as taken back.
-    pub unreported: Vec<&'static str>,
+    pub unreported: Vec<String>,
 }
 
 /// The scenario of a situation in lockstep, with a seed and further settings.
@@ -520,7 +521,7 @@ fn judge(course: &Course, plain: &Plain, swaps: &[ReportedSwap]) -> Swapped {
             Some(trip.header.valid_ns.checked_sub(first_ns?)? as f64 * 1e-9)
         }),
         outcome: swaps.last().map_or_else(String::new, |swap| swap.outcome.clone()),
-        unreported: unreported(&course.trips, swaps),
+        unreported: unreported(&course.trips, swaps).into_iter().map(str::to_owned).collect(),
     }
 }
 
