@@ -49,7 +49,7 @@ pub(super) fn run(
         let report = Report::of(&flight);
         drop(busy);
         let mut report = report.map_err(|error| unreadable(&error))?;
-        report.parted = parted(&flight, &beside(flight.path()));
+        report.parted = parted(&flight, &known(&beside(flight.path())));
         Folder { reports: vec![report], ..Folder::default() }
     };
     if let Some(path) = &arguments.png {
@@ -77,6 +77,7 @@ fn of_folder(files: &[PathBuf]) -> Folder {
     let bar = super::bar::bar(files.len(), "recordings");
     let mut folder = Folder::default();
     let writers = Writers::now();
+    let known = known(files);
     for path in files {
         let file = || path.display().to_string();
         bar.inc(1);
@@ -92,7 +93,7 @@ fn of_folder(files: &[PathBuf]) -> Folder {
         }
         let report = flight.map_err(|error| error.to_string()).and_then(|flight| {
             let mut report = Report::of(&flight).map_err(|error| error.to_string())?;
-            report.parted = parted(&flight, files);
+            report.parted = parted(&flight, &known);
             Ok(report)
         });
         match report {
@@ -104,21 +105,31 @@ fn of_folder(files: &[PathBuf]) -> Folder {
     folder
 }
 
-/// The newest of `files` that is of the same scenario as a flight in simulated time, and of another flight.
-fn parted(flight: &RecordedFlight, files: &[PathBuf]) -> Option<Parted> {
+/// A flight is compared with so many others of its scenario, the newest.
+const COMPARED: usize = 20;
+
+/// Recordings with what their heads say.
+type Known = Vec<(PathBuf, BTreeMap<String, String>)>;
+
+fn known(files: &[PathBuf]) -> Known {
+    files.iter().filter_map(|path| Some((path.clone(), facts_of(path)?))).collect()
+}
+
+/// The newest of `known` that is of the same scenario as a flight in simulated time, and of another flight.
+fn parted(flight: &RecordedFlight, known: &Known) -> Option<Parted> {
     if flight.clock() != Clock::Lockstep {
         return None;
     }
-    let is_like = |facts: &BTreeMap<String, String>| {
-        ["scenario", "seed", "clock"].iter().all(|key| facts.get(*key) == flight.facts().get(*key))
+    let alike = |(path, facts): &&(PathBuf, BTreeMap<String, String>)| {
+        let mut keys = ["scenario", "seed", "clock"].iter();
+        path.file_name() != flight.path().file_name()
+            && keys.all(|key| facts.get(*key) == flight.facts().get(*key))
     };
-    let alike = |path: &&PathBuf| {
-        path.file_name() != flight.path().file_name() && facts_of(path).is_some_and(|f| is_like(&f))
-    };
-    let others = files.iter().filter(alike).filter_map(|path| RecordedFlight::open(path).ok());
-    let mut others: Vec<_> = others.filter(|other| are_of_one_scenario(flight, other)).collect();
-    others.sort_by_key(RecordedFlight::epoch_unix_ns);
-    others.iter().rev().find_map(|other| {
+    let mut others: Vec<_> = known.iter().filter(alike).collect();
+    others.sort_by_key(|(_, facts)| facts.get("epoch_unix_ns"));
+    let newest = others.iter().rev().take(COMPARED);
+    newest.filter_map(|(path, _)| RecordedFlight::open(path).ok()).find_map(|other| {
+        let other = Some(&other).filter(|other| are_of_one_scenario(flight, other))?;
         let parting = parting(flight, other).ok()??;
         let text = parting.to_string();
         let Parting { release_ns, topic, writer, .. } = parting;

@@ -12,7 +12,7 @@ use record::Clock;
 use record::read::{RecordVisitor, RecordedFlight};
 use scenario::services::Assignment;
 use shared_types::time::s_from_ns;
-use shared_types::{Header, Role, Sample, Seating, Topic, TopicInfo};
+use shared_types::{Edge, Header, Role, Sample, Seating, SeatingKind, Topic, TopicInfo};
 use std::any::Any;
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -34,8 +34,8 @@ pub struct Parting {
 /// Why two flights of a scenario part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cause {
-    /// An executable of a user's did something else.
-    Executable,
+    /// An executable of a user's did something else, or a service with a configuration of its own.
+    Brought,
     /// The launcher did: it was ordered something else, or a process came or went at another instant.
     Launcher,
     /// A service of this build did, which is a defect.
@@ -48,16 +48,17 @@ impl fmt::Display for Parting {
         let at_s = s_from_ns(*release_ns);
         write!(f, "the two part at {at_s:.3} s, in what {writer} has published on {topic}: ")?;
         match cause {
-            Cause::Executable => write!(
+            Cause::Brought => write!(
                 f,
-                "{writer} differs from run to run, or was changed between the two. Only if its outputs follow from its \
-                 inputs alone can the flight be flown again."
+                "{writer} differs from run to run, or it or its configuration was changed between the two. Only if its \
+                 outputs follow from its inputs alone can the flight be flown again."
             ),
             Cause::Launcher => f.write_str(
                 "the two were not ordered the same in flight, or a process came or went at another instant.",
             ),
             Cause::Service => f.write_str(
-                "no order and no executable of a user's has differed before, which is a defect: please report it.",
+                "nothing that a user brings has differed before. The two were flown by different builds, or this is a \
+                 defect: please report it.",
             ),
         }
     }
@@ -116,7 +117,7 @@ impl End {
 /// Every sample of a flight, in the order in which a difference can come about.
 struct Prints {
     samples: Vec<Print>,
-    /// By role, seat and generation: the controller that took the seat in flight, and whether it is a service.
+    /// By role, seat and generation: the controller that took the seat in flight, and whether it is a service as shipped.
     seated: BTreeMap<(Role, u32, u32), (String, bool)>,
     /// What flew from the start.
     assignment: Assignment,
@@ -132,19 +133,27 @@ struct Print {
     generation: u32,
     /// All of it but what the machine determines.
     value: u64,
+    /// It reports what has become of a loop.
+    is_report: bool,
 }
 
 impl RecordVisitor for Prints {
     fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         let Header { release_ns, sequence, seat, generation, .. } = *sample.header();
+        let seating = (sample as &dyn Any).downcast_ref::<Seating>();
         if release_ns < self.until_ns {
             let (topic, value) = (&topic.info, fingerprint(sample));
-            self.samples.push(Print { topic, release_ns, sequence, seat, generation, value });
+            let is_order = topic.edge == Edge::Delayed
+                || seating.is_some_and(|seating| seating.kind != SeatingKind::Lost);
+            let is_report = topic.from == Role::Supervisor && !is_order;
+            let print = Print { topic, release_ns, sequence, seat, generation, value, is_report };
+            self.samples.push(print);
         }
-        if let Some(seating) = (sample as &dyn Any).downcast_ref::<Seating>() {
+        if let Some(seating) = seating {
             let name = seating.controller_name().to_owned();
             let key = (seating.role, seating.seat, seating.generation);
-            self.seated.insert(key, (name, seating.built_in.is_set()));
+            let is_shipped = seating.built_in.is_set() && !seating.configured.is_set();
+            self.seated.insert(key, (name, is_shipped));
         }
     }
 }
@@ -162,12 +171,13 @@ impl Prints {
         Ok(prints)
     }
 
-    /// Of the samples of one release those of users' executables come first, since the others may follow from them,
-    /// then the orders.
+    /// Of the samples of one release the launcher's come first, who commands and what is ordered, since it gives them
+    /// before that; then what users bring, from which the others may follow; and last what reports the others.
     fn place(&self, print: &Print) -> (u64, u8, u32, u32, u64) {
         let rank = match self.writer(print).1 {
-            Cause::Executable => 0,
-            Cause::Launcher => 1,
+            _ if print.is_report => 3,
+            Cause::Launcher => 0,
+            Cause::Brought => 1,
             Cause::Service => 2,
         };
         (print.release_ns, rank, print.topic.id, print.seat, print.sequence)
@@ -181,7 +191,7 @@ impl Prints {
         match seated {
             _ if role == Role::Supervisor => (role.label(), Cause::Launcher),
             Some((_, (name, true))) => (name, Cause::Service),
-            Some((_, (name, false))) => (name, Cause::Executable),
+            Some((_, (name, false))) => (name, Cause::Brought),
             // What a flight begins with is always a service.
             None => (self.assignment.name(role), Cause::Service),
         }

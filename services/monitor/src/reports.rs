@@ -14,7 +14,8 @@ const KNOWN: usize = 8;
 /// come from a late record.
 const UNFOUND: u64 = 3;
 /// Records in a row that a report may say it has refused. Each is written for a later instant than the one before, and the
-/// slot's owner could never be replaced if none were ever taken.
+/// slot's owner could never be replaced if none were ever taken. The supervisor writes one more than the next before it
+/// takes a swap back, for the controller that comes after this one.
 const REFUSED: u64 = 3;
 /// Time that a trip may take to be followed, if that is longer than two periods of the attitude
 /// loop: in realtime the trip may arrive late \[ns\].
@@ -289,7 +290,7 @@ impl Reports {
     /// Counts the records that are reported as refused, until one is reported as taken.
     fn count_refusals(&mut self, report: &Report) {
         let memory = &mut self.memory;
-        if report.refused_epoch != memory.refused {
+        if report.refused_epoch != memory.refused && report.refused_epoch > 0 {
             memory.refused = report.refused_epoch;
             memory.refusals += 1;
         }

@@ -7,7 +7,7 @@
 //! rehearsal and rollback window, `pairs` each of those in the position slot after an attitude controller of
 //! `entries_of_pairs`, `python` the controllers in Python, good or bad, and `KEY=VALUE` sets a key of the scenario, for
 //! example `monitor.rate_hz=200.0`. Each flight becomes a line of the file, and what the file has of this build is not flown
-//! again. Ends with 1 if one with all safeguards is lost, goes farther than 0.5 m, tilts by more than 60 degrees, is not
+//! again, but for scripts. Ends with 1 if one with all safeguards is lost, goes farther than 0.5 m, tilts by more than 60 degrees, is not
 //! reported or cannot be flown. Run it after `cargo build --release --workspace --examples --bins`; Python needs
 //! the environment of `services/attitude-python/README.md`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
@@ -126,7 +126,9 @@ impl Journal {
     }
 
     fn keep(&self, case: &Case, flown: &Swapped) {
-        let Some(file) = &self.file else { return };
+        // What a script does is no matter of this build.
+        let is_script = matches!(case.candidate, Candidate::Python | Candidate::BadPython(_));
+        let Some(file) = self.file.as_ref().filter(|_| !is_script) else { return };
         let line = Line { flight: self.name(case), flown: flown.clone() };
         let text = serde_json::to_string(&line).expect("numbers");
         // A cut line ends before the next one begins.

@@ -110,7 +110,7 @@ pub fn line(what: &str, flown: &[(Case, Outcome)]) -> String {
     let mut all = format!("{what}: {passed} of {} cases passed", flown.len());
     let without = failed_swaps(flown);
     if without > 0 {
-        all = format!("{all}, {without} without a scripted swap");
+        all = format!("{all}, {without} of them with a scripted swap that failed");
     }
     let Some((place, (_, outcome))) = worst(flown, 1).first().map(|at| (*at, &flown[*at])) else {
         return format!("{}  {all}", Grade::Passed);
@@ -331,7 +331,10 @@ mod tests {
         let codes = [&cases[..1], &cases[..]].map(exit_code);
         assert_eq!(codes, [exit::SWAP_FAILED, exit::FAILED]);
         let text = line("swaps", &cases[..1]);
-        assert!(text.contains("1 of 1 cases passed, 1 without a scripted swap"), "{text}");
+        assert!(
+            text.contains("1 of 1 cases passed, 1 of them with a scripted swap that failed"),
+            "{text}"
+        );
         assert_eq!(spread(&flown, "position_max_m"), Some([0.3, 0.6, 0.6]));
         assert_eq!(spread(&flown, "settling_s"), None);
     }

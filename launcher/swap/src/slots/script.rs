@@ -75,13 +75,13 @@ impl Script {
         Some(self.deeds.remove(at).1)
     }
 
-    /// The flight has ended: the swaps that were due have waited in vain, and are reported as refused.
+    /// The flight has ended: the swaps that were due have not begun, and are reported as refused.
     pub fn refuse_waiting(&mut self, flown_ns: u64, reports: &mut Vec<SwapReport>) {
         for (at_ns, deed) in self.deeds.drain(..).rev().filter(|(at_ns, _)| *at_ns < flown_ns) {
             let Deed::Swap(swap) = deed else { continue };
             let mut report = SwapReport::new(swap.slot, "", &swap.to, at_ns, true);
             report.refuse(
-                &"it waited for the monitor, which did not step until the flight had ended",
+                &"the flight ended before it began: a scripted swap waits for a monitor that does not step",
             );
             reports.push(report);
         }

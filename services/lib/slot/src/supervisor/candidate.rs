@@ -213,6 +213,7 @@ impl SlotMachine {
 
     fn flip(&mut self, now: Now, old: Seat, new: Seat, order: SwapTerms, out: &mut Vec<Action>) {
         self.forget_standby(new);
+        self.outgoing.take_if(|outgoing| outgoing.seat == new);
         let epoch = self.ledger.epoch() + 1;
         self.untrusted[new.index()] = order.force;
         if !self.is_trusted(new) && !self.config.keeps_fallback && self.standby.is_none() {
@@ -226,8 +227,8 @@ impl SlotMachine {
         step(out, Step::FlipsAt { seat: new, epoch, at_ns });
     }
 
-    /// The window is over: the new owner stays, and the old one leaves unless it is to be the
-    /// fallback of one that is not trusted, which it is not if it is to leave.
+    /// The window is over: the new owner stays. The old one leaves, that of one that is trusted once this has been
+    /// confirmed, unless it is to be the fallback of one that is not trusted; which it is not if it is to leave.
     pub(super) fn commit(
         &mut self,
         now: Now,
@@ -237,6 +238,9 @@ impl SlotMachine {
     ) {
         out.push(Action::Report(Report::Done(new, Outcome::Swapped)));
         let Phase::Window { until_ns, order, .. } = self.phase else { return };
+        if let Some(before) = self.outgoing {
+            self.dismiss(before.seat, out);
+        }
         let stays = if self.is_trusted(new) {
             self.drop_automatic_standby(out);
             false
@@ -251,32 +255,31 @@ impl SlotMachine {
         if stays {
             step(out, Step::FallbackStays { seat: old, owner: new });
         } else if may_stay && self.is_trusted(new) && self.instances.is_seated(old) {
-            if let Some(before) = self.outgoing.take() {
-                self.dismiss(before.seat, out);
-            }
             let epoch = self.ledger.epoch() + 1;
-            self.outgoing =
-                Some(Outgoing { seat: old, epoch, is_confirmed: false, until_ns: u64::MAX });
+            let until_ns = now.logical_ns;
+            self.outgoing = Some(Outgoing { seat: old, epoch, is_confirmed: false, until_ns });
         } else {
             self.dismiss(old, out);
         }
         self.publish(now, new, None, out);
+        let effective_ns = self.ledger.effective_ns();
         if let Some(outgoing) = &mut self.outgoing {
-            outgoing.until_ns = self.ledger.effective_ns().saturating_add(self.config.close_ns);
+            outgoing.until_ns = effective_ns.saturating_add(self.config.close_ns);
         }
     }
 
     /// The fallback of a window that is over leaves, if the end of the window has been confirmed.
     pub(super) fn send_fallback_away(&mut self, now: Now, out: &mut Vec<Action>) {
+        let candidate = self.candidate();
         let Some(Outgoing { seat, is_confirmed, until_ns, .. }) = &mut self.outgoing else {
             return;
         };
-        if !*is_confirmed {
+        let seat = *seat;
+        // It may be the next candidate.
+        if !*is_confirmed || candidate == Some(seat) {
             *until_ns = now.logical_ns.saturating_add(self.config.close_ns.max(1));
             return;
         }
-        let seat = *seat;
-        self.outgoing = None;
         self.dismiss(seat, out);
         if let Some(owner) = self.ledger.owner().filter(|owner| self.instances.is_seated(*owner)) {
             self.publish(now, owner, None, out);
@@ -392,6 +395,7 @@ impl SlotMachine {
 
     /// Its seat is to be left; the record that states this must follow.
     pub(super) fn dismiss(&mut self, seat: Seat, out: &mut Vec<Action>) {
+        self.outgoing.take_if(|outgoing| outgoing.seat == seat);
         if let InstanceState::Seated(program, _) = *self.instances.state(seat) {
             self.instances.set(seat, InstanceState::Leaving(program));
             out.push(Action::AwaitExit(seat));

@@ -164,7 +164,7 @@ struct Outgoing {
     epoch: u64,
     /// The consumer has put it into effect.
     is_confirmed: bool,
-    /// Then what came before it is known \[ns\].
+    /// When it leaves if that is confirmed, and is looked at again if not \[ns\].
     until_ns: u64,
 }
 
@@ -191,7 +191,8 @@ impl SlotMachine {
 
     /// A slot found in flight: the newest record that its supervisor had written, and which processes are there.
     /// One that is neither owner nor fallback is sent away; an owner that is not there is replaced, or
-    /// started again as an instance of `owner`; `home` is what the flight began with. If the consumer follows the fallback,
+    /// started again as an instance of `owner`; `home` is what the flight began with. The fallback of an owner that is not
+    /// watched is taken for a standby, be it of a window that has just ended. If the consumer follows the fallback,
     /// send [`Event::FailedOver`] next.
     #[must_use]
     pub fn adopt(

@@ -91,7 +91,8 @@ impl SlotMachine {
         }
     }
 
-    /// The seat that is to take over from `owner`: around a flip the other one of the two, else the standby.
+    /// The seat that is to take over from `owner`: around a flip the other one of the two, the fallback of a window that is
+    /// over for as long as it is there, else the standby.
     pub(super) fn fallback(&self, owner: Seat) -> Option<Seat> {
         let other = match self.phase {
             Phase::Flipping { new, old, .. } | Phase::Window { new, old, .. } => {
@@ -150,14 +151,12 @@ impl SlotMachine {
         if epoch == self.ledger.epoch() {
             self.ledger.outstanding = None;
         }
-        if let Some(outgoing) = self.outgoing.as_mut().filter(|outgoing| outgoing.epoch <= epoch) {
+        if let Some(outgoing) =
+            self.outgoing.as_mut().filter(|it| !it.is_confirmed && it.epoch <= epoch)
+        {
             // A record that came late is in effect since then.
             let until_ns = at_ns.saturating_add(self.config.close_ns);
-            outgoing.until_ns = if outgoing.is_confirmed {
-                outgoing.until_ns
-            } else {
-                outgoing.until_ns.max(until_ns)
-            };
+            outgoing.until_ns = outgoing.until_ns.max(until_ns);
             outgoing.is_confirmed = true;
         }
         match self.phase {

@@ -52,7 +52,6 @@ impl SlotMachine {
             }
             Target::Seated(seat) => {
                 // It has been shadowing all along, on its own.
-                self.outgoing.take_if(|outgoing| outgoing.seat == seat);
                 let track_until_ns = now.logical_ns;
                 let until_ns = now.logical_ns.saturating_add(order.shadow_ns);
                 let stage = Stage::Free;
@@ -118,7 +117,6 @@ impl SlotMachine {
             Phase::Flipping { new, .. } => return Err(Reason::Busy(new)),
             _ => {
                 self.standby = self.standby.filter(|standby| standby.seat != Some(seat));
-                self.outgoing.take_if(|outgoing| outgoing.seat == seat);
                 self.dismiss(seat, out);
                 if let Some(owner) =
                     self.ledger.owner().filter(|seat| self.instances.is_seated(*seat))

@@ -83,8 +83,20 @@ fn the_fallback_of_a_window_that_is_over_may_be_swapped_to_retired_or_lost_at_on
     };
     let mut bench = over();
     bench.on(Event::Request(Request::Swap(Target::Seated(SEAT[0]), order(200 * MS))));
-    bench.wait().pass(SEAT[0]);
+    bench.wait().wait().pass(SEAT[0]);
     assert_eq!((bench.record().owner, bench.record().fallback), (SEAT[0], Some(SEAT[1])));
+    // Until then it is the fallback all the same.
+    let mut bench = over();
+    let epoch = bench.record().epoch;
+    bench.on(Event::Request(Request::Swap(Target::Seated(SEAT[0]), order(200 * MS))));
+    bench.on(Event::Tripped { epoch, at_ns: bench.now.logical_ns });
+    assert_eq!((bench.record().owner, bench.record().fallback), (SEAT[0], None));
+    assert!(!bench.has(|action| *action == Action::Kill(SEAT[0])), "{:?}", bench.actions);
+    let mut bench = over();
+    let dry_run = SwapTerms { dry_run: true, ..order(200 * MS) };
+    bench.on(Event::Request(Request::Swap(Target::Seated(SEAT[0]), dry_run)));
+    bench.wait().wait().pass(SEAT[0]);
+    assert!(bench.has(|action| *action == Action::AwaitExit(SEAT[0])), "{:?}", bench.actions);
     let mut bench = over();
     bench.on(Event::Request(Request::Swap(Target::New(program(1)), order(200 * MS))));
     assert!(bench.has(|action| *action == Action::Spawn(SEAT[2], program(1))), "at once");

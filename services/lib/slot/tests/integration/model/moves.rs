@@ -60,10 +60,11 @@ const AT_ONCE: SwapTerms =
     SwapTerms { shadow_ns: 2, rollback_ns: 3, force: false, rehearse: false, dry_run: false };
 const REHEARSED: SwapTerms = SwapTerms { rehearse: true, ..AT_ONCE };
 
-const REQUESTS: [Request; 9] = [
+const REQUESTS: [Request; 10] = [
     Request::Swap(Target::New(SAME_KIND), AT_ONCE),
     Request::Swap(Target::New(OTHER_KIND), REHEARSED),
     Request::Swap(Target::New(SAME_KIND), SwapTerms { dry_run: true, ..REHEARSED }),
+    Request::Swap(Target::Seated(Seat::ALL[0]), AT_ONCE),
     Request::Swap(Target::Seated(Seat::ALL[1]), AT_ONCE),
     Request::Standby(STANDBY, 2, false),
     Request::Rollback,
@@ -298,7 +299,7 @@ impl World {
             Move::Ask(request) => {
                 self.budget.requests -= 1;
                 if let Request::Retire(seat) = request {
-                    self.retired[seat.index()] = true;
+                    self.given_up[seat.index()] = true;
                 }
                 self.notify(Event::Request(request));
             }

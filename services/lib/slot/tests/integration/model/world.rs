@@ -138,8 +138,8 @@ pub(crate) struct World {
     /// Until then the gate levels the vehicle, whichever process commands.
     level_until: u64,
     followed: Option<Seat>,
-    /// By seat: a user has retired what sat there.
-    pub retired: [bool; SEATS],
+    /// By seat: what sits there leaves, since the plant has left it for its fallback or a user has retired it.
+    pub given_up: [bool; SEATS],
     /// Since when the plant has been on its own.
     alone: Option<u64>,
     pub broken: Option<Broken>,
@@ -206,7 +206,7 @@ impl World {
             tripped: 0,
             level_until: 0,
             followed: None,
-            retired: [false; SEATS],
+            given_up: [false; SEATS],
             alone: None,
             broken: None,
         };
@@ -260,6 +260,7 @@ impl World {
             match action {
                 Action::Spawn(seat, program) | Action::Restart(seat, program) => {
                     assert!(self.processes[seat.index()] == Process::Gone, "{seat} is taken");
+                    self.given_up[seat.index()] = false;
                     self.processes[seat.index()] = Process::Starting { program, since: t };
                 }
                 Action::Publish(record) => {
@@ -476,6 +477,7 @@ impl World {
         match choice {
             Some((seat, Source::Fallback, _)) => {
                 self.latched = record.epoch;
+                self.given_up[record.owner.index()] = true;
                 if record.fallback != Some(seat) || !record.is_taken(seat) {
                     self.broken = Some(Broken::WrongWriter);
                 }
@@ -508,14 +510,14 @@ impl World {
     }
 
     /// What was so in `epoch` is so under `record` if no record since has named another owner or fallback: the monitor trips
-    /// that owner again. One without a fallback may have been started again, unless it is the fallback of a window that is
-    /// over which has left; and a user who retires the fallback retires what the trip led to.
+    /// that owner again. One without a fallback may have been started again, unless the fallback has only left because a
+    /// window is over.
     fn carried(&self, epoch: u64, record: &Record) -> u64 {
         let since = || self.accepted.iter().filter(|r| (epoch..=record.epoch).contains(&r.epoch));
         let is_there = |seat: Seat| {
             let process = &self.processes[seat.index()];
-            let is_retired = self.retired[seat.index()];
-            matches!(process, Process::Flying { mute: None, .. }) && !is_retired
+            let is_given_up = self.given_up[seat.index()];
+            matches!(process, Process::Flying { mute: None, .. }) && !is_given_up
         };
         let fallback = since().find(|r| r.epoch == epoch).and_then(|r| r.fallback);
         let is_followed = record.fallback.is_some_and(|seat| record.is_taken(seat));
