@@ -133,8 +133,6 @@ struct Print {
     generation: u32,
     /// All of it but what the machine determines.
     value: u64,
-    /// It reports what has become of a loop.
-    is_report: bool,
 }
 
 impl RecordVisitor for Prints {
@@ -145,9 +143,11 @@ impl RecordVisitor for Prints {
             let (topic, value) = (&topic.info, fingerprint(sample));
             let is_order = topic.edge == Edge::Delayed
                 || seating.is_some_and(|seating| seating.kind != SeatingKind::Lost);
-            let is_report = topic.from == Role::Supervisor && !is_order;
-            let print = Print { topic, release_ns, sequence, seat, generation, value, is_report };
-            self.samples.push(print);
+            // What has become of a loop is reported where the machine has come to it.
+            if topic.from != Role::Supervisor || is_order {
+                let print = Print { topic, release_ns, sequence, seat, generation, value };
+                self.samples.push(print);
+            }
         }
         if let Some(seating) = seating {
             let name = seating.controller_name().to_owned();
@@ -172,10 +172,9 @@ impl Prints {
     }
 
     /// Of the samples of one release the launcher's come first, who commands and what is ordered, since it gives them
-    /// before that; then what users bring, from which the others may follow; and last what reports the others.
+    /// before that; then what users bring, from which the others may follow.
     fn place(&self, print: &Print) -> (u64, u8, u32, u32, u64) {
         let rank = match self.writer(print).1 {
-            _ if print.is_report => 3,
             Cause::Launcher => 0,
             Cause::Brought => 1,
             Cause::Service => 2,

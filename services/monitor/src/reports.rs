@@ -256,7 +256,11 @@ impl Reports {
             return Some(TripCause::TripIgnored);
         }
         self.count_refusals(report);
-        let judged = if self.misstates(report) { Judged::Unfound } else { self.judge(report) };
+        let judged = match self.judge(report) {
+            Judged::False => Judged::False,
+            _ if self.misstates(report) => Judged::Unfound,
+            judged => judged,
+        };
         match judged {
             Judged::Open => None,
             Judged::True { left } => {
@@ -274,8 +278,9 @@ impl Reports {
         }
     }
 
-    /// Says of the position slot what its records, trips and set points do not: another epoch, a trip that there was not,
-    /// or a fail-over although the owner has asked without a gap. It would cost the owner its slot.
+    /// Says of the position slot what its records, trips and set points do not: another epoch, another seat than follows
+    /// from that, a trip that there was not, or a fail-over although the owner has asked without a gap. It would cost the
+    /// owner its slot, or give it a slot that it does not have.
     fn misstates(&self, report: &Report) -> bool {
         let memory = &self.memory;
         if report.epoch != memory.epoch {
@@ -284,7 +289,10 @@ impl Reports {
             let is_refused = report.refused_epoch == memory.epoch && memory.refusals <= REFUSED;
             return !is_refused && report.release_ns > memory.changed_ns.saturating_add(within_ns);
         }
-        (report.has_tripped || report.has_failed_over) && !self.may_have_failed_over()
+        let [owner, fallback] = memory.hands;
+        let followed = if report.has_failed_over { fallback } else { owner };
+        let is_changed = report.has_tripped || report.has_failed_over;
+        report.seat != followed || is_changed && !self.may_have_failed_over()
     }
 
     /// Counts the records that are reported as refused, until one is reported as taken.

@@ -241,6 +241,9 @@ fn an_epoch_a_trip_or_a_fail_over_that_nothing_explains_is_a_false_report() {
 
     let follows = Report { seat: 2, has_failed_over: true, ..truth };
     reports.ask(2, asked(125, 1.0));
+    let mut disobeyed = reports.clone();
+    let found = [Report { seat: 2, ..truth }; 3].map(|report| disobeyed.check(&report));
+    assert_eq!(found, [None, None, Some(TripCause::ReportFalse)], "it has only taken the record");
     let mut silent = reports.clone();
     silent.note_silence(asked(125, 1.0).valid_ns + 3 * ASKS_EVERY_NS / 2);
     assert!(!silent.may_have_failed_over());
