@@ -145,7 +145,7 @@ impl Skips for LogHash {
     }
 }
 
-/// 64 bits over what the log hash has of a sample, of whichever topic and seat it is.
+/// 64 bits over what the log hash has of a sample, of whichever topic it is.
 #[must_use]
 pub fn fingerprint<T: Sample>(sample: &T) -> u64 {
     let mut buffer = Vec::new();

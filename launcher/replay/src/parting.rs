@@ -114,7 +114,7 @@ impl End {
     }
 }
 
-/// Every sample of a flight, in the order in which a difference can come about.
+/// The samples of a flight but for reports about its loops, in the order in which a difference can come about.
 struct Prints {
     samples: Vec<Print>,
     /// By role, seat and generation: the controller that took the seat in flight, and whether it is a service as shipped.

@@ -95,7 +95,7 @@ impl World {
         if !self.records.is_empty() {
             moves.push(Move::Deliver);
         }
-        if self.successor.as_ref().is_some_and(|(.., at)| self.t >= *at) {
+        if self.replacement_is_due() {
             moves.push(Move::Replace);
         }
         for seat in Seat::ALL {
@@ -166,6 +166,10 @@ impl World {
         })
     }
 
+    fn replacement_is_due(&self) -> bool {
+        self.successor.as_ref().is_some_and(|(.., at)| self.t >= *at)
+    }
+
     /// True if something has waited as long as it can: it comes before the next tick.
     fn overdue(&self) -> bool {
         let late = |since: u64| self.t >= since + self.budget.patience;
@@ -174,7 +178,7 @@ impl World {
         let record = self.records.first().is_some_and(|(_, sent)| {
             if lockstep { self.t >= *sent } else { self.t >= sent + self.budget.record_patience }
         });
-        let replacement = self.successor.as_ref().is_some_and(|(.., at)| self.t >= *at);
+        let replacement = self.replacement_is_due();
         if self.slot.is_none() {
             return record || replacement;
         }

@@ -7,10 +7,12 @@
 //! rehearsal and rollback window, `pairs` each of those in the position slot after an attitude controller of
 //! `entries_of_pairs`, `python` the controllers in Python, good or bad, and `KEY=VALUE` sets a key of the scenario, for
 //! example `monitor.rate_hz=200.0`. Each flight becomes a line of the file, and what the file has of this build is not flown
-//! again, but for scripts. Ends with 1 if one with all safeguards is lost, goes farther than 0.5 m, tilts by more than 60 degrees, is not
-//! reported or cannot be flown. Run it after `cargo build --release --workspace --examples --bins`; Python needs
+//! again, but for scripts. Ends with 1 if one with all safeguards is lost, goes farther than 0.5 m, tilts by more than 60
+//! degrees, is not reported or cannot be flown. Run it after `cargo build --release --workspace --examples --bins`; Python needs
 //! the environment of `services/attitude-python/README.md`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
+
+mod journal;
 
 use catalogue::limits::{lower_limit, upper_limit};
 use catalogue::swapped::{
@@ -18,21 +20,15 @@ use catalogue::swapped::{
     swapped,
 };
 use catalogue::{Entry, Fault, entries, entries_of_pairs, patient_entries};
+use journal::{JOURNAL, Journal};
 use scenario::Override;
 use scenario::services::names_for;
-use serde::{Deserialize, Serialize};
 use shared_types::Slot;
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::UNIX_EPOCH;
-
-/// Name of a journal's file, at its end.
-const JOURNAL: &str = ".jsonl";
 
 /// The controller that is swapped in.
 #[derive(Clone)]
@@ -85,55 +81,6 @@ struct Selection {
     named: Vec<String>,
     /// Results of this run and of those that it goes on with.
     journal: Option<PathBuf>,
-}
-
-/// What has been flown, by flight.
-struct Journal {
-    known: BTreeMap<String, Swapped>,
-    file: Option<Mutex<File>>,
-    /// Of this build and these settings.
-    prefix: String,
-}
-
-/// A line of the journal.
-#[derive(Deserialize, Serialize)]
-struct Line {
-    flight: String,
-    flown: Swapped,
-}
-
-impl Journal {
-    fn open(selection: &Selection) -> Self {
-        let modified = std::fs::metadata(executable()).and_then(|built| built.modified());
-        let since = modified.expect("the catalogue").duration_since(UNIX_EPOCH);
-        let built_ms = since.expect("a time").as_millis();
-        let prefix = format!("{built_ms} {}", selection.given.join(" "));
-        let Some(path) = &selection.journal else {
-            return Self { known: BTreeMap::new(), file: None, prefix };
-        };
-        let text = std::fs::read_to_string(path).unwrap_or_default();
-        // The last line of a run that was killed may be cut.
-        let lines = text.lines().filter_map(|line| serde_json::from_str::<Line>(line).ok());
-        let known = lines.map(|line| (line.flight, line.flown)).collect();
-        let file = File::options().create(true).append(true).open(path).expect("the journal");
-        Self { known, file: Some(Mutex::new(file)), prefix }
-    }
-
-    fn name(&self, case: &Case) -> String {
-        let Case { situation, seed, slot, guard, .. } = case;
-        let (slot, guard) = (slot.label(), guard.name());
-        format!("{} {slot} {} {} {seed} {guard}", self.prefix, case.name(), situation.name)
-    }
-
-    fn keep(&self, case: &Case, flown: &Swapped) {
-        // What a script does is no matter of this build.
-        let is_script = matches!(case.candidate, Candidate::Python | Candidate::BadPython(_));
-        let Some(file) = self.file.as_ref().filter(|_| !is_script) else { return };
-        let line = Line { flight: self.name(case), flown: flown.clone() };
-        let text = serde_json::to_string(&line).expect("numbers");
-        // A cut line ends before the next one begins.
-        writeln!(file.lock().expect("no panic"), "\n{text}").expect("room");
-    }
 }
 
 impl Case {
