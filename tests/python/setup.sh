@@ -13,6 +13,7 @@ if ! python3 -c 'import ensurepip, venv' 2>/dev/null; then
     # Others may be installing something at the same time.
     flock /var/lock sh -c 'apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -qy python3-venv' >&2
 fi
-[ -x "$venv/bin/pip" ] || python3 -m venv --clear "$venv"
-"$venv/bin/pip" install --quiet --disable-pip-version-check -r "${2:-$here/requirements.txt}" >&2
+[ -x "$venv/bin/python" ] || python3 -m venv --clear "$venv"
+# Not `bin/pip`, which knows only the place where the environment was made.
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check -r "${2:-$here/requirements.txt}" >&2
 echo "$venv/bin/python"
