@@ -26,6 +26,7 @@ from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema, 
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
+COMMANDS = ("/wrench_command", "/attitude_setpoint")
 TALLY_KEYS = ("count", "first", "last", "gaps", "repeated", "renumbered", "writers")
 
 
@@ -77,6 +78,8 @@ class Audit:
         self.tallies = {}
         self.last_release_ns = {}
         self.last_generation = {}
+        # Of the slots' commands, which come once at a release, the time between two that follow each other.
+        self.period_ns = {}
 
     def observe(self, topic, header, problems):
         key = f"{topic}#{header.seat}"
@@ -86,13 +89,23 @@ class Audit:
             tally["first"], tally["writers"] = sequence, 1
         elif sequence > tally["last"]:
             # A process that takes a seat in flight counts on from another seat's numbers.
-            same = header.generation == self.last_generation[key]
-            tally["gaps"] += sequence - tally["last"] - 1 if same else 0
+            missing = sequence - tally["last"] - 1
+            since_ns = max(header.release_ns - self.last_release_ns[key], 0)
+            if header.generation == self.last_generation[key]:
+                period_ns = self.period_ns.get(key)
+                if missing == 0 and since_ns > 0:
+                    self.period_ns[key] = min(since_ns, period_ns or since_ns)
+                elif topic in COMMANDS and period_ns and missing >= max(since_ns // period_ns, 1):
+                    tally["renumbered"] += 1
+                else:
+                    tally["gaps"] += missing
         else:
             went_on = header.release_ns > self.last_release_ns[key]
             problems.expect(went_on, f"{key}: sequence {sequence} was recorded twice")
             tally["renumbered"] += 1
-        tally["writers"] += header.generation != self.last_generation.get(key, header.generation)
+        if header.generation != self.last_generation.get(key, header.generation):
+            tally["writers"] += 1
+            self.period_ns.pop(key, None)
         tally["count"] += 1
         tally["last"] = sequence
         self.last_release_ns[key] = header.release_ns

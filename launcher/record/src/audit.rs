@@ -19,7 +19,7 @@ pub struct Tally {
     pub gaps: u64,
     /// Samples that came again and were not written.
     pub repeated: u64,
-    /// Times the numbering fell back although logical time went on.
+    /// Times the numbering fell back although logical time went on, or, in a slot, went on faster than it.
     pub renumbered: u64,
     /// Processes that wrote, one after the other, as far as their samples show.
     pub writers: u64,
@@ -29,6 +29,17 @@ pub struct Tally {
     generation: u32,
     /// Its [`content`].
     content: u64,
+    /// Shortest time between two samples with successive numbers \[ns\]; 0 before there were two.
+    period_ns: u64,
+}
+
+impl Tally {
+    /// Numbers that a controller left out, beyond those of the releases that there were: its count is wrong, and nothing
+    /// is lost. Our own processes count right, and may publish several samples at a release.
+    fn is_ahead_of_time(&self, missing: u64, release_ns: u64, content: u64) -> bool {
+        let releases = release_ns.saturating_sub(self.last_release_ns).checked_div(self.period_ns);
+        content != 0 && releases.is_some_and(|releases| missing >= releases.max(1))
+    }
 }
 
 impl fmt::Display for Tally {
@@ -87,15 +98,30 @@ impl SequenceAudit {
         } else if sequence > tally.last {
             // A process that takes a seat in flight counts on from another seat's numbers.
             let missing = sequence - tally.last - 1;
-            let lost = if generation == tally.generation { missing } else { 0 };
-            tally.gaps = tally.gaps.saturating_add(lost);
+            if generation == tally.generation && missing == 0 {
+                let since_ns = release_ns.saturating_sub(tally.last_release_ns);
+                tally.period_ns = match tally.period_ns {
+                    0 => since_ns,
+                    known_ns if since_ns > 0 => known_ns.min(since_ns),
+                    known_ns => known_ns,
+                };
+            } else if generation == tally.generation {
+                if tally.is_ahead_of_time(missing, release_ns, content) {
+                    tally.renumbered += 1;
+                } else {
+                    tally.gaps = tally.gaps.saturating_add(missing);
+                }
+            }
         } else if release_ns > tally.last_release_ns {
             tally.renumbered += 1;
         } else if !is_another {
             tally.repeated += 1;
             return SequenceCheck::Repeated;
         }
-        tally.writers += u64::from(tally.count > 0 && generation != tally.generation);
+        if tally.count > 0 && generation != tally.generation {
+            tally.writers += 1;
+            tally.period_ns = 0;
+        }
         tally.count += 1;
         tally.last = sequence;
         tally.last_release_ns = release_ns;
@@ -286,6 +312,22 @@ mod tests {
         }
         let tally = only(&audit);
         assert_eq!((tally.count, tally.renumbered, tally.repeated), (4, 1, 0));
+    }
+
+    #[test]
+    fn numbers_that_a_controller_leaves_out_without_time_for_them_are_not_lost() {
+        let mut audit = SequenceAudit::default();
+        let commands = audit.register("/wrench_command");
+        let mut observe = |sequence, release_ns| {
+            audit.observe(commands, &header(0, sequence, release_ns), 1);
+            (only(&audit).gaps, only(&audit).renumbered)
+        };
+        assert_eq!(observe(1, 10), (0, 0));
+        assert_eq!(observe(2, 12), (0, 0));
+        assert_eq!(observe(1_003, 14), (0, 1), "one release later");
+        assert_eq!(observe(1_004, 16), (0, 1));
+        assert_eq!(observe(u64::MAX - 2, 18), (0, 2));
+        assert_eq!(observe(u64::MAX, 22), (1, 2), "the release at 20 is lost");
     }
 
     #[test]
