@@ -2,17 +2,18 @@
 
 pub(crate) mod left_out;
 mod owner_records;
+mod pending;
 mod set;
 
 pub use set::{InputPort, InputSet, InputVisitor};
 
 use self::left_out::{LateRange, LeftOut};
+use self::pending::{Arrived, Pending};
 use crate::graph::{Edge, READER_CAPACITY, Roles};
 use crate::ownership::SlotBook;
 use shared_types::wire::Value;
 use shared_types::{Header, OwnerRecord, Role, SEATS, Sample, Seat};
 use std::any::Any;
-use std::collections::VecDeque;
 
 /// Where samples come from: a shared-memory subscriber, or a queue within one process.
 pub trait Source<T> {
@@ -37,12 +38,6 @@ pub struct Origin {
     pub sequence: u64,
     /// When it arrived; see [`Header::receive_mono_ns`] \[ns\].
     pub receive_mono_ns: u64,
-}
-
-/// A sample that has arrived, and when \[ns\].
-struct Arrived<T> {
-    sample: T,
-    receive_mono_ns: u64,
 }
 
 /// Age of an input's latest value at an instant.
@@ -117,7 +112,7 @@ pub struct Input<T> {
     source: Option<Box<dyn Source<T>>>,
     edge: Option<Edge>,
     /// Not in effect yet.
-    pending: VecDeque<Arrived<T>>,
+    pending: Pending<T>,
     /// What was in effect before, if anything was, and from `fresh_from` on what is new.
     effective: Vec<T>,
     fresh_from: usize,
@@ -163,7 +158,7 @@ impl<T: Sample> Default for Input<T> {
         Self {
             source: None,
             edge: None,
-            pending: VecDeque::with_capacity(READER_CAPACITY),
+            pending: Pending::default(),
             effective: Vec::with_capacity(READER_CAPACITY + 1),
             fresh_from: 0,
             receive_mono_ns: 0,
@@ -231,44 +226,7 @@ impl<T: Sample> Input<T> {
         if newest.map_or_else(is_history, |newest| newest.has(header)) {
             return;
         }
-        let key = order(header);
-        let place = |p: &Arrived<T>| order(p.sample.header());
-        let arrived = Arrived { sample: *sample, receive_mono_ns };
-        // Nearly always it is the newest of all.
-        let at = match self.pending.back() {
-            Some(last) if place(last) >= key => self.pending.partition_point(|p| place(p) < key),
-            _ => self.pending.len(),
-        };
-        if let Some(same) = self.pending.get_mut(at).filter(|p| place(p) == key) {
-            *same = arrived;
-        } else if self.pending.len() < READER_CAPACITY {
-            self.pending.insert(at, arrived);
-        } else {
-            self.make_room_for(seat, at, arrived);
-        }
-    }
-
-    /// Takes a sample in place of the oldest one of the seat that has most of those that wait, so that no writer keeps
-    /// another one's out. The newest matter to a loop; the gap before them is counted when they take effect.
-    fn make_room_for(&mut self, seat: usize, at: usize, arrived: Arrived<T>) {
-        let seat_of =
-            |waiting: &Arrived<T>| usize::try_from(waiting.sample.header().seat).unwrap_or(SEATS);
-        let mut waiting = [0_usize; SEATS];
-        for seat in self.pending.iter().map(seat_of) {
-            if let Some(count) = waiting.get_mut(seat) {
-                *count += 1;
-            }
-        }
-        let most = (0..SEATS).max_by_key(|seat| waiting[*seat]);
-        let Some(oldest) = self.pending.iter().position(|one| Some(seat_of(one)) == most) else {
-            return;
-        };
-        // Among its own, the oldest is the one to go.
-        if oldest >= at && most == Some(seat) {
-            return;
-        }
-        self.pending.remove(oldest);
-        self.pending.insert(at - usize::from(oldest < at), arrived);
+        self.pending.insert(Arrived { sample: *sample, receive_mono_ns });
     }
 
     /// Moves what is in effect at `t_ns` into `fresh` and `latest`; `previous_ns` is the instant of
@@ -515,9 +473,4 @@ impl<T: Sample> Input<T> {
 /// Whether a sample takes effect by an instant, at its own where there is no edge.
 fn is_in_effect(edge: Option<&Edge>, valid_ns: u64, t_ns: u64) -> bool {
     edge.map_or(valid_ns <= t_ns, |edge| edge.in_effect(valid_ns, t_ns))
-}
-
-/// Order of samples within one input.
-fn order(header: &Header) -> (u64, u32, u64) {
-    (header.valid_ns, header.seat, header.sequence)
 }
