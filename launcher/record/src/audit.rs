@@ -34,11 +34,20 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Numbers that a controller left out, beyond those of the releases that there were: its count is wrong, and nothing
-    /// is lost. Our own processes count right, and may publish several samples at a release.
-    fn is_ahead_of_time(&self, missing: u64, release_ns: u64, content: u64) -> bool {
-        let releases = release_ns.saturating_sub(self.last_release_ns).checked_div(self.period_ns);
-        content != 0 && releases.is_some_and(|releases| missing >= releases.max(1))
+    /// Takes note of numbers that are missing before a sample of the same process. In a slot, where there is a `content`,
+    /// a loop has one sample at a release: if there were not as many releases, its count is wrong and nothing is lost.
+    fn note_missing(&mut self, missing: u64, release_ns: u64, content: u64) {
+        let since_ns = release_ns.saturating_sub(self.last_release_ns);
+        let releases = since_ns.checked_div(self.period_ns).filter(|_| content != 0);
+        if missing == 0 {
+            if since_ns > 0 && (self.period_ns == 0 || since_ns < self.period_ns) {
+                self.period_ns = since_ns;
+            }
+        } else if releases.is_some_and(|releases| missing >= releases.max(1)) {
+            self.renumbered += 1;
+        } else {
+            self.gaps = self.gaps.saturating_add(missing);
+        }
     }
 }
 
@@ -97,20 +106,8 @@ impl SequenceAudit {
             (tally.first, tally.writers) = (sequence, 1);
         } else if sequence > tally.last {
             // A process that takes a seat in flight counts on from another seat's numbers.
-            let missing = sequence - tally.last - 1;
-            if generation == tally.generation && missing == 0 {
-                let since_ns = release_ns.saturating_sub(tally.last_release_ns);
-                tally.period_ns = match tally.period_ns {
-                    0 => since_ns,
-                    known_ns if since_ns > 0 => known_ns.min(since_ns),
-                    known_ns => known_ns,
-                };
-            } else if generation == tally.generation {
-                if tally.is_ahead_of_time(missing, release_ns, content) {
-                    tally.renumbered += 1;
-                } else {
-                    tally.gaps = tally.gaps.saturating_add(missing);
-                }
+            if generation == tally.generation {
+                tally.note_missing(sequence - tally.last - 1, release_ns, content);
             }
         } else if release_ns > tally.last_release_ns {
             tally.renumbered += 1;
