@@ -5,10 +5,12 @@ import collections
 import struct
 import typing
 
+from .ownership import FOREVER
+
 # Samples that may wait for their instant.
 CAPACITY = 1024
-# Of a header: sequence, valid_ns, seat and generation.
-HEADER = struct.Struct("<Q8xQ48xII")
+# Of a header: sequence, release_ns, valid_ns, seat and generation.
+HEADER = struct.Struct("<QQQ48xII")
 
 
 class Sample(typing.NamedTuple):
@@ -20,6 +22,41 @@ class Sample(typing.NamedTuple):
     generation: int
     received_mono_ns: int
     packed: bytes
+    release_ns: int = 0
+
+
+class Stamps:
+    """What each process on a slot's seats has stamped.
+
+    A sample that names an earlier step than the one it was made at is none that a reader has waited for: chance would
+    decide at which step it arrives. A process that sends one is not followed any longer.
+    """
+
+    def __init__(self, latency_ns, is_asap):
+        self._latency_ns = latency_ns
+        self._is_asap = is_asap
+        # By seat: generation, sequence and release of the newest sample, and the number from which on none is followed.
+        self._known = {}
+
+    def follow(self, sample):
+        """True if a process has kept to its steps up to this sample: none of its samples names an earlier step than
+        the one before, and each takes effect the latency of its topic after it."""
+        is_due = self._is_asap or sample.valid_ns == sample.release_ns + self._latency_ns
+        known = self._known.get(sample.seat)
+        if known is None or known[0] < sample.generation:
+            known = (sample.generation, sample.sequence, sample.release_ns, FOREVER)
+        generation, sequence, release_ns, broken_from = known
+        # What its predecessor wrote before it went may arrive later.
+        if generation > sample.generation:
+            return is_due
+        # Samples may change places on their way.
+        is_newest = sample.sequence >= sequence
+        if not is_due or (is_newest and sample.release_ns < release_ns):
+            broken_from = min(broken_from, sample.sequence)
+        elif is_newest:
+            sequence, release_ns = sample.sequence, sample.release_ns
+        self._known[sample.seat] = (generation, sequence, release_ns, broken_from)
+        return sample.sequence < broken_from
 
 
 class Input:
@@ -36,6 +73,8 @@ class Input:
         self._known_until_ns = None
         # Owner records of the producer's slot: what an owner does not publish, no loop waits for.
         self.book = None
+        # Of a slot: what its processes state about when they wrote.
+        self.stamps = None
         self.late = self.lost = 0
         self._unheard = set()
         self.latest = self.before = None
@@ -45,9 +84,12 @@ class Input:
     def receive(self):
         """Takes in all that has arrived."""
         for received_mono_ns, packed in self._receive():
-            sequence, valid_ns, seat, generation = HEADER.unpack_from(packed)
-            sample = Sample(valid_ns, seat, sequence, generation, received_mono_ns, packed)
-            self.arrive(sample)
+            sequence, release_ns, valid_ns, seat, generation = HEADER.unpack_from(packed)
+            sample = Sample(
+                valid_ns, seat, sequence, generation, received_mono_ns, packed, release_ns
+            )
+            if self.stamps is None or self.stamps.follow(sample):
+                self.arrive(sample)
 
     def arrive(self, sample):
         """Takes one sample in, in the order of effect, seat and sequence. One that comes again, as

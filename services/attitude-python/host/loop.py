@@ -1,6 +1,6 @@
 """Runs the releases of one loop, one after the other, and publishes all it owes."""
 
-from .inputs import Input
+from .inputs import Input, Stamps
 from .ports import now_ns
 
 STATS_PERIOD_NS = 100_000_000
@@ -11,22 +11,29 @@ OWNED = {"attitude_owner": "attitude", "position_owner": "position"}
 class Output:
     """One output: at most one sample per step, stamped and sent by the loop."""
 
-    def __init__(self, writer, sample_type, latency_ns, is_asap):
+    def __init__(self, writer, sample_type, latency_ns, is_asap, release_ns=None):
         self.writer = writer
         self.value = sample_type()
         self.sequence = 0
+        # Gives the release of the step that is being run.
+        self._release_ns = release_ns
         self._latency_ns = latency_ns
         self._is_asap = is_asap
 
     def send(self, header, wall_ns):
-        """Stamps and sends the value. `wall_ns` gives logical time by the wall clock."""
+        """Stamps and sends the value. `wall_ns` gives logical time by the wall clock.
+
+        A sample belongs to the step in which it is sent: nothing waits for one of an earlier step.
+        """
         self.sequence += 1
         value = self.value
         value.header = header
+        if self._release_ns is not None:
+            value.header.release_ns = self._release_ns()
         value.header.sequence = self.sequence
-        value.header.valid_ns = header.release_ns + self._latency_ns
+        value.header.valid_ns = value.header.release_ns + self._latency_ns
         if self._is_asap and wall_ns is not None:
-            value.header.valid_ns = max(wall_ns(header.publish_mono_ns), header.release_ns)
+            value.header.valid_ns = max(wall_ns(header.publish_mono_ns), value.header.release_ns)
         self.writer.send(value)
 
 
@@ -47,6 +54,8 @@ class Loop:
             producer = edge.producer if edge else samples.TOPICS[name].producer.name.lower()
             receive = bus.topic(name, producer).receive
             self.inputs[name] = Input(samples.TOPICS[name].type, receive, producer, edge is not None)
+            if edge and samples.TOPICS[name].producer.name.lower() in OWNED.values():
+                self.inputs[name].stamps = Stamps(edge.latency_ns, edge.asap)
         for slot in (OWNED[name] for name in inputs if name in OWNED):
             for taken in self.inputs.values():
                 if taken.producer == slot:
@@ -57,6 +66,7 @@ class Loop:
                 samples.TOPICS[name].type,
                 graph.latency_ns(name),
                 graph.is_asap(name),
+                lambda: self.mark_ns,
             )
             for name in outputs
         }

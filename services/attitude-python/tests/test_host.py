@@ -17,7 +17,7 @@ import unittest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
 
 from host.graph import Edge, Graph, Rate  # noqa: E402
-from host.inputs import CAPACITY, Input, Sample  # noqa: E402
+from host.inputs import CAPACITY, Input, Sample, Stamps  # noqa: E402
 from host.launcher import Launcher, process_start  # noqa: E402
 from host.arbiter import Command, CommandArbiter, Limiter, Record, SetPoints  # noqa: E402
 from host.ownership import FOREVER, SeatMarks, SlotBook  # noqa: E402
@@ -67,6 +67,26 @@ def await_that(done):
     """Waits as long as it takes."""
     while not done():
         time.sleep(0.001)
+
+
+class StampRules(unittest.TestCase):
+    def stamped(self, sequence, release_ms, valid_ms, generation=0):
+        return sample(valid_ms, sequence, 0, generation)._replace(release_ns=release_ms * MS)
+
+    def test_a_process_whose_sample_is_not_due_a_latency_after_its_release_is_left(self):
+        early = self.stamped(2, 20, 15)
+        stamps = Stamps(2 * MS, False)
+        followed = [stamps.follow(one) for one in (self.stamped(1, 10, 12), early, self.stamped(3, 30, 32))]
+        self.assertEqual(followed, [True, False, False])
+        self.assertTrue(stamps.follow(self.stamped(1, 25, 27, generation=1)), "it is judged for itself")
+        self.assertTrue(Stamps(2 * MS, True).follow(early))
+
+    def test_a_process_that_names_a_step_before_its_last_one_is_left(self):
+        stamps = Stamps(0, False)
+        released = [(1, 10), (3, 30), (2, 20), (4, 30), (5, 15), (6, 40)]
+        followed = [stamps.follow(self.stamped(n, ms, ms)) for n, ms in released]
+        self.assertEqual(followed, [True, True, True, True, False, False])
+        self.assertTrue(stamps.follow(self.stamped(2, 20, 20)), "what it wrote before may come again")
 
 
 class LauncherRules(unittest.TestCase):

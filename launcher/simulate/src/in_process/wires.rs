@@ -4,7 +4,7 @@ use super::observer::{ErasedObserver, SampleTap, SampleTaps};
 use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use runtime::delays::Delays;
-use runtime::graph::{Edge, READER_CAPACITY};
+use runtime::graph::READER_CAPACITY;
 use runtime::{Executor, Graph, Input, InputVisitor, Output, OutputVisitor, Sink, Source};
 use shared_types::{Header, NO_SEAT, OwnerRecord, Sample, Seat, Slot, SlotSpec, Topic, topics};
 use std::any::Any;
@@ -216,14 +216,11 @@ impl InputVisitor for Connect<'_> {
         input: &mut Input<T>,
     ) -> Result<(), Infallible> {
         let source = self.wires.subscribe(topic);
-        let role = self.seat.role;
-        let edge = self.graph.edge(&topic.info, role).copied();
-        let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, role));
         let source: Box<dyn Source<T>> = match &self.wires.delays {
             Some(delays) => delays.delay((self.seat, topic.info.name), source),
             None => Box::new(source),
         };
-        input.connect(source, Some(edge));
+        input.connect(source, Some(self.graph.arrow(&topic.info, self.seat.role)));
         Ok(())
     }
 }

@@ -62,7 +62,13 @@ fn send(inputs: &mut Inputs, seat: u32, from_ms: u64, until_ms: u64) {
     let step_ms = usize::try_from(PERIOD_NS / MS).expect("small");
     for ms in (from_ms..until_ms).step_by(step_ms) {
         inputs.attitude_setpoint.offer(AttitudeSetpoint {
-            header: Header { sequence: ms + 1, valid_ns: ms * MS, seat, ..Header::default() },
+            header: Header {
+                sequence: ms + 1,
+                release_ns: ms * MS,
+                valid_ns: ms * MS,
+                seat,
+                ..Header::default()
+            },
             thrust_n: VehicleParameters::default().weight_n(),
             roll_rad: if seat == B { ROLL_RAD } else { 0.0 },
             pitch_rad: 0.0,

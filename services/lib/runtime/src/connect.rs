@@ -1,7 +1,7 @@
 //! Opens every port that a service declares.
 
 use crate::executor::Executor;
-use crate::graph::{Edge, Graph};
+use crate::graph::Graph;
 use crate::input::{Input, InputVisitor, Source};
 use crate::ipc::{Bus, PortError};
 use crate::output::{Output, OutputVisitor};
@@ -22,8 +22,7 @@ impl InputVisitor for Readers<'_> {
         topic: &'static Topic<T>,
         input: &mut Input<T>,
     ) -> Result<(), PortError> {
-        let edge = self.graph.edge(&topic.info, self.seat.role).copied();
-        let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.seat.role));
+        let edge = self.graph.arrow(&topic.info, self.seat.role);
         let port = self.bus.reader(topic, edge.from)?;
         let source: Box<dyn Source<T>> = match self.timing.and_then(|timing| timing.ports.as_ref())
         {

@@ -292,6 +292,14 @@ impl Graph {
         self.edges.iter().find(|e| e.to == to && e.topic.name == topic.name)
     }
 
+    /// The arrow by which a reader takes a topic in: `to` need not wait for it.
+    #[must_use]
+    pub fn arrow(&self, topic: &'static TopicInfo, to: Role) -> Edge {
+        let latency_ns = self.latency_ns(topic);
+        let unwaited = || Edge { latency_ns, ..Edge::unwaited(topic, to) };
+        self.edge(topic, to).copied().unwrap_or_else(unwaited)
+    }
+
     /// Role that really produces a topic in this flight: that of a slot may be filled by its stand-in.
     #[must_use]
     pub fn producer(&self, topic: &TopicInfo) -> Role {

@@ -87,8 +87,8 @@ fn send(inputs: &mut Inputs, seat: u32, from_ns: u64, until_ns: u64, validity_ns
     let mut valid_ns = from_ns;
     while valid_ns < until_ns {
         // Numbered by period, so that a sequence gives its instant.
-        let header =
-            Header { sequence: valid_ns / PERIOD_NS + 1, valid_ns, seat, ..Header::default() };
+        let sequence = valid_ns / PERIOD_NS + 1;
+        let header = Header { sequence, release_ns: valid_ns, valid_ns, seat, ..Header::default() };
         inputs.wrench_command.offer(WrenchCommand {
             header,
             thrust_n: VehicleParameters::default().weight_n(),
@@ -190,6 +190,7 @@ fn an_owner_whose_commands_are_garbage_is_silent() {
         inputs.wrench_command.offer(WrenchCommand {
             header: Header {
                 sequence: k + 1,
+                release_ns: k * PERIOD_NS,
                 valid_ns: k * PERIOD_NS,
                 seat: A,
                 ..Header::default()

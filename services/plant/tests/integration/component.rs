@@ -24,7 +24,8 @@ impl<T> Source<T> for Queue<T> {
 }
 
 fn at<T: Sample>(mut sample: T, sequence: u64, valid_ns: u64, seat: u32) -> T {
-    *sample.header_mut() = Header { sequence, valid_ns, seat, ..Header::default() };
+    *sample.header_mut() =
+        Header { sequence, release_ns: valid_ns, valid_ns, seat, ..Header::default() };
     sample
 }
 

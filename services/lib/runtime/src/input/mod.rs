@@ -4,11 +4,13 @@ pub(crate) mod left_out;
 mod owner_records;
 mod pending;
 mod set;
+mod stamps;
 
 pub use set::{InputPort, InputSet, InputVisitor};
 
 use self::left_out::{LateRange, LeftOut};
 use self::pending::{Arrived, Pending};
+use self::stamps::Stamps;
 use crate::graph::{Edge, READER_CAPACITY, Roles};
 use crate::ownership::SlotBook;
 use shared_types::wire::Value;
@@ -136,6 +138,8 @@ pub struct Input<T> {
     /// depends on chance, and they are left out.
     slot: Option<SlotBook>,
     left_out: LeftOut,
+    /// Of a slot: what its processes state about when they wrote.
+    stamps: Stamps,
     /// Of owner records: all that have been received, and whether there are new ones.
     book: SlotBook,
     news: Option<Role>,
@@ -170,6 +174,7 @@ impl<T: Sample> Default for Input<T> {
             first_generations: [0; SEATS],
             slot: None,
             left_out: LeftOut::default(),
+            stamps: Stamps::default(),
             book: SlotBook::default(),
             news: None,
             counts: InputCounts::default(),
@@ -217,6 +222,10 @@ impl<T: Sample> Input<T> {
             return;
         };
         if header.generation < *first_generation {
+            return;
+        }
+        let of_slot = self.edge.as_ref().filter(|edge| edge.topic.from.is_slot());
+        if of_slot.is_some_and(|edge| !self.stamps.follow(edge, header)) {
             return;
         }
         // What a seat publishes after its last known sample is new, however late it arrives. For a
@@ -456,7 +465,7 @@ impl<T: Sample> Input<T> {
         self.effective.extend(latest);
         self.fresh_from = self.effective.len();
         self.receive_mono_ns = 0;
-        self.left_out = LeftOut::default();
+        (self.left_out, self.stamps) = (LeftOut::default(), Stamps::default());
         (self.newest, self.ignored) = ([None; SEATS], [false; SEATS]);
         if let Some(latest) = latest {
             self.learn(&latest);
@@ -466,6 +475,7 @@ impl<T: Sample> Input<T> {
                 usize::try_from(header.seat).ok().and_then(|i| self.newest.get_mut(i))
         {
             *newest = Some(Newest::of(header));
+            self.stamps.begin_with(header);
         }
     }
 }
