@@ -1,7 +1,7 @@
 //! Counts what was recorded per topic and seat, by sequence numbers.
 
 use shared_types::wire::{Field, FieldClass, Visitor, Wire};
-use shared_types::{Header, Sample, TopicInfo};
+use shared_types::{Header, Sample, TopicInfo, topics};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
@@ -19,7 +19,8 @@ pub struct Tally {
     pub gaps: u64,
     /// Samples that came again and were not written.
     pub repeated: u64,
-    /// Times the numbering fell back although logical time went on, or, in a slot, went on faster than it.
+    /// Times the numbering fell back although logical time went on, or went on faster than releases of what a user may
+    /// bring.
     pub renumbered: u64,
     /// Processes that wrote, one after the other, as far as their samples show.
     pub writers: u64,
@@ -34,11 +35,11 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Takes note of numbers that are missing before a sample of the same process. In a slot, where there is a `content`,
-    /// a loop has one sample at a release: if there were not as many releases, its count is wrong and nothing is lost.
-    fn note_missing(&mut self, missing: u64, release_ns: u64, content: u64) {
+    /// Takes note of numbers that are missing before a sample of the same process. Where a loop has one sample at a
+    /// release, its count is wrong and nothing is lost if there were not as many releases.
+    fn note_missing(&mut self, missing: u64, release_ns: u64, has_one_a_release: bool) {
         let since_ns = release_ns.saturating_sub(self.last_release_ns);
-        let releases = since_ns.checked_div(self.period_ns).filter(|_| content != 0);
+        let releases = since_ns.checked_div(self.period_ns).filter(|_| has_one_a_release);
         if missing == 0 {
             if since_ns > 0 && (self.period_ns == 0 || since_ns < self.period_ns) {
                 self.period_ns = since_ns;
@@ -75,15 +76,28 @@ pub struct Stream(usize);
 /// Sequence audit of a whole recording.
 #[derive(Debug, Clone, Default)]
 pub struct SequenceAudit {
-    /// Name of each channel, and the totals of its seats.
-    streams: Vec<(String, BTreeMap<u32, Tally>)>,
+    channels: Vec<Channel>,
+}
+
+#[derive(Debug, Clone)]
+struct Channel {
+    name: String,
+    /// Controllers of users write it too, and each loop has one sample at a release, or at some.
+    has_one_a_release: bool,
+    /// Totals by seat.
+    seats: BTreeMap<u32, Tally>,
 }
 
 impl SequenceAudit {
-    /// Puts a channel under audit.
-    pub fn register(&mut self, channel: impl Into<String>) -> Stream {
-        self.streams.push((channel.into(), BTreeMap::new()));
-        Stream(self.streams.len() - 1)
+    /// Puts a channel under audit, by the name of its topic.
+    pub fn register(&mut self, name: impl Into<String>) -> Stream {
+        let (name, seats) = (name.into(), BTreeMap::new());
+        let topic = name.trim_start_matches('/');
+        let is_of_slot = |info: &TopicInfo| info.name == topic && info.from.is_slot();
+        let has_one_a_release =
+            topic == topics::LOOP_STATS.info.name || topics::all().into_iter().any(is_of_slot);
+        self.channels.push(Channel { name, has_one_a_release, seats });
+        Stream(self.channels.len() - 1)
     }
 
     /// Takes note of a sample.
@@ -98,8 +112,8 @@ impl SequenceAudit {
         content: u64,
     ) -> SequenceCheck {
         let Header { seat, sequence, release_ns, generation, .. } = *header;
-        let Some((_, seats)) = self.streams.get_mut(stream) else { return SequenceCheck::New };
-        let tally = seats.entry(seat).or_default();
+        let Some(channel) = self.channels.get_mut(stream) else { return SequenceCheck::New };
+        let tally = channel.seats.entry(seat).or_default();
         let is_another =
             sequence == tally.last && generation > tally.generation && content != tally.content;
         if tally.count == 0 {
@@ -107,7 +121,8 @@ impl SequenceAudit {
         } else if sequence > tally.last {
             // A process that takes a seat in flight counts on from another seat's numbers.
             if generation == tally.generation {
-                tally.note_missing(sequence - tally.last - 1, release_ns, content);
+                let missing = sequence - tally.last - 1;
+                tally.note_missing(missing, release_ns, channel.has_one_a_release);
             }
         } else if release_ns > tally.last_release_ns {
             tally.renumbered += 1;
@@ -129,8 +144,8 @@ impl SequenceAudit {
 
     /// Channel, seat and totals, in order of registration.
     pub fn tallies(&self) -> impl Iterator<Item = (&str, u32, &Tally)> {
-        self.streams.iter().flat_map(|(channel, seats)| {
-            seats.iter().map(move |(seat, tally)| (channel.as_str(), *seat, tally))
+        self.channels.iter().flat_map(|Channel { name, seats, .. }| {
+            seats.iter().map(move |(seat, tally)| (name.as_str(), *seat, tally))
         })
     }
 
@@ -146,7 +161,7 @@ impl SequenceAudit {
         let gaps = |seats: &BTreeMap<u32, Tally>| {
             seats.values().map(|tally| tally.gaps).fold(0, u64::saturating_add)
         };
-        let all = self.streams.iter().map(|(channel, seats)| (channel.as_str(), gaps(seats)));
+        let all = self.channels.iter().map(|channel| (channel.name.as_str(), gaps(&channel.seats)));
         all.filter(|(_, gaps)| *gaps > 0).collect()
     }
 
@@ -325,6 +340,23 @@ mod tests {
         assert_eq!(observe(1_004, 16), (0, 1));
         assert_eq!(observe(u64::MAX - 2, 18), (0, 2));
         assert_eq!(observe(u64::MAX, 22), (1, 2), "the release at 20 is lost");
+    }
+
+    #[test]
+    fn only_where_a_loop_has_one_sample_a_release_numbers_can_be_left_out() {
+        for (topic, is_lost) in [
+            (&topics::LOOP_STATS.info, false),
+            (&topics::DEVIATION.info, true),
+            (&topics::IMU.info, true),
+        ] {
+            let mut audit = SequenceAudit::default();
+            let stream = audit.register(topic.name);
+            for (sequence, release_ns) in [(1, 100), (2, 200), (30, 300)] {
+                audit.observe(stream, &header(0, sequence, release_ns), 0);
+            }
+            let gaps = if is_lost { 27 } else { 0 };
+            assert_eq!(only(&audit).gaps, gaps, "{}", topic.name);
+        }
     }
 
     #[test]
