@@ -19,8 +19,7 @@ pub struct Tally {
     pub gaps: u64,
     /// Samples that came again and were not written.
     pub repeated: u64,
-    /// Times the numbering fell back although logical time went on, or went on faster than releases of what a user may
-    /// bring.
+    /// Times the numbering fell back although logical time went on, or, of a controller, went on faster than its releases.
     pub renumbered: u64,
     /// Processes that wrote, one after the other, as far as their samples show.
     pub writers: u64,
@@ -35,11 +34,11 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Takes note of numbers that are missing before a sample of the same process. Where a loop has one sample at a
-    /// release, its count is wrong and nothing is lost if there were not as many releases.
-    fn note_missing(&mut self, missing: u64, release_ns: u64, has_one_a_release: bool) {
+    /// Takes note of numbers that are missing before a sample of the same process. If it may be a controller and there
+    /// were not as many releases, its count is wrong and nothing is lost.
+    fn note_missing(&mut self, missing: u64, release_ns: u64, is_of_controllers: bool) {
         let since_ns = release_ns.saturating_sub(self.last_release_ns);
-        let releases = since_ns.checked_div(self.period_ns).filter(|_| has_one_a_release);
+        let releases = since_ns.checked_div(self.period_ns).filter(|_| is_of_controllers);
         if missing == 0 {
             if since_ns > 0 && (self.period_ns == 0 || since_ns < self.period_ns) {
                 self.period_ns = since_ns;
@@ -82,8 +81,8 @@ pub struct SequenceAudit {
 #[derive(Debug, Clone)]
 struct Channel {
     name: String,
-    /// Controllers of users write it too, and each loop has one sample at a release, or at some.
-    has_one_a_release: bool,
+    /// Controllers write it, one sample at a release at most; users bring some, which may count wrongly.
+    is_of_controllers: bool,
     /// Totals by seat.
     seats: BTreeMap<u32, Tally>,
 }
@@ -94,9 +93,9 @@ impl SequenceAudit {
         let (name, seats) = (name.into(), BTreeMap::new());
         let topic = name.trim_start_matches('/');
         let is_of_slot = |info: &TopicInfo| info.name == topic && info.from.is_slot();
-        let has_one_a_release =
+        let is_of_controllers =
             topic == topics::LOOP_STATS.info.name || topics::all().into_iter().any(is_of_slot);
-        self.channels.push(Channel { name, has_one_a_release, seats });
+        self.channels.push(Channel { name, is_of_controllers, seats });
         Stream(self.channels.len() - 1)
     }
 
@@ -122,7 +121,7 @@ impl SequenceAudit {
             // A process that takes a seat in flight counts on from another seat's numbers.
             if generation == tally.generation {
                 let missing = sequence - tally.last - 1;
-                tally.note_missing(missing, release_ns, channel.has_one_a_release);
+                tally.note_missing(missing, release_ns, channel.is_of_controllers);
             }
         } else if release_ns > tally.last_release_ns {
             tally.renumbered += 1;
@@ -343,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn only_where_a_loop_has_one_sample_a_release_numbers_can_be_left_out() {
+    fn only_of_what_controllers_write_numbers_can_be_left_out() {
         for (topic, is_lost) in [
             (&topics::LOOP_STATS.info, false),
             (&topics::DEVIATION.info, true),

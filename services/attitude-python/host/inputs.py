@@ -2,10 +2,9 @@
 
 import bisect
 import collections
+import math
 import struct
 import typing
-
-from .ownership import FOREVER
 
 # Samples that may wait for their instant.
 CAPACITY = 1024
@@ -44,7 +43,7 @@ class Stamps:
         is_due = self._is_asap or sample.valid_ns == sample.release_ns + self._latency_ns
         known = self._known.get(sample.seat)
         if known is None or known[0] < sample.generation:
-            known = (sample.generation, sample.sequence, sample.release_ns, FOREVER)
+            known = (sample.generation, sample.sequence, sample.release_ns, math.inf)
         generation, sequence, release_ns, broken_from = known
         # What its predecessor wrote before it went may arrive later.
         if generation > sample.generation:

@@ -87,6 +87,8 @@ class StampRules(unittest.TestCase):
         followed = [stamps.follow(self.stamped(n, ms, ms)) for n, ms in released]
         self.assertEqual(followed, [True, True, True, True, False, False])
         self.assertTrue(stamps.follow(self.stamped(2, 20, 20)), "what it wrote before may come again")
+        last = self.stamped(2**64 - 1, 10, 10)
+        self.assertTrue(Stamps(0, False).follow(last), "every number can be followed")
 
 
 class LauncherRules(unittest.TestCase):

@@ -220,7 +220,8 @@ impl InputVisitor for Connect<'_> {
             Some(delays) => delays.delay((self.seat, topic.info.name), source),
             None => Box::new(source),
         };
-        input.connect(source, Some(self.graph.arrow(&topic.info, self.seat.role)));
+        let edge = self.graph.edge_or_unwaited(&topic.info, self.seat.role);
+        input.connect(source, Some(edge));
         Ok(())
     }
 }

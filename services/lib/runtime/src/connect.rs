@@ -22,7 +22,7 @@ impl InputVisitor for Readers<'_> {
         topic: &'static Topic<T>,
         input: &mut Input<T>,
     ) -> Result<(), PortError> {
-        let edge = self.graph.arrow(&topic.info, self.seat.role);
+        let edge = self.graph.edge_or_unwaited(&topic.info, self.seat.role);
         let port = self.bus.reader(topic, edge.from)?;
         let source: Box<dyn Source<T>> = match self.timing.and_then(|timing| timing.ports.as_ref())
         {

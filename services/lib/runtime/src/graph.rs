@@ -292,9 +292,9 @@ impl Graph {
         self.edges.iter().find(|e| e.to == to && e.topic.name == topic.name)
     }
 
-    /// The arrow by which a reader takes a topic in: `to` need not wait for it.
+    /// The edge by which `to` reads a topic, whether it waits for it or not.
     #[must_use]
-    pub fn arrow(&self, topic: &'static TopicInfo, to: Role) -> Edge {
+    pub fn edge_or_unwaited(&self, topic: &'static TopicInfo, to: Role) -> Edge {
         let latency_ns = self.latency_ns(topic);
         let unwaited = || Edge { latency_ns, ..Edge::unwaited(topic, to) };
         self.edge(topic, to).copied().unwrap_or_else(unwaited)

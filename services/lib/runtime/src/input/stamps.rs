@@ -11,16 +11,15 @@ struct Written {
     sequence: u64,
     /// Of its newest sample \[ns\].
     release_ns: u64,
-    /// It has not kept to its steps: nothing that it numbers from there on is followed.
+    /// The first number, if any, from which on it has not kept to its steps and is not followed.
     broken_from: Option<u64>,
 }
 
 /// What each process on a slot's seats has stamped.
 ///
-/// A reader waits until a process has published all it owes for a step. A sample that names an
-/// earlier step than the one it was made at is not among that: chance would decide at which step of
-/// the reader it arrives, and a flight would not be the same twice. A process that sends one is not followed any
-/// longer.
+/// A reader waits until a process has published all it owes for a step. A sample that names an earlier step than the one
+/// it was made at is not among that: chance would decide at which step of the reader it arrives, and a flight would not
+/// be the same twice. A process that sends one is not followed any longer.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Stamps([Option<Written>; SEATS]);
 
@@ -54,8 +53,8 @@ impl Stamps {
         // Samples may change places on their way.
         let is_newest = sequence >= known.sequence;
         if !is_due || (is_newest && release_ns < known.release_ns) {
-            let from = known.broken_from.unwrap_or(sequence);
-            known.broken_from = Some(from.min(sequence));
+            let from = known.broken_from.map_or(sequence, |from| from.min(sequence));
+            known.broken_from = Some(from);
         } else if is_newest {
             (known.sequence, known.release_ns) = (sequence, release_ns);
         }
@@ -101,6 +100,8 @@ mod tests {
         let followed = released.map(|(n, ms)| stamps.follow(&edge(), &header(n, ms)));
         assert_eq!(followed, [true, true, true, false, false, false]);
         assert!(stamps.follow(&edge(), &header(2, 20)), "what it wrote before may come again");
+        let last = header(u64::MAX, 10);
+        assert!(Stamps::default().follow(&edge(), &last), "every number can be followed");
     }
 
     #[test]
