@@ -37,10 +37,13 @@ impl Journal {
             return Self { known: BTreeMap::new(), file: None, prefix };
         };
         let text = std::fs::read_to_string(path).unwrap_or_default();
-        // The last line of a run that was killed may be cut.
         let lines = text.lines().filter_map(|line| serde_json::from_str::<Line>(line).ok());
         let known = lines.map(|line| (line.flight, line.flown)).collect();
-        let file = File::options().create(true).append(true).open(path).expect("the journal");
+        let mut file = File::options().create(true).append(true).open(path).expect("the journal");
+        // The last line of a run that was killed may be cut.
+        if !text.is_empty() && !text.ends_with('\n') {
+            writeln!(file).expect("room");
+        }
         Self { known, file: Some(Mutex::new(file)), prefix }
     }
 
@@ -56,7 +59,6 @@ impl Journal {
         let Some(file) = self.file.as_ref().filter(|_| !is_script) else { return };
         let line = Line { flight: self.name(case), flown: flown.clone() };
         let text = serde_json::to_string(&line).expect("numbers");
-        // A cut line ends before the next one begins.
-        writeln!(file.lock().expect("no panic"), "\n{text}").expect("room");
+        writeln!(file.lock().expect("no panic"), "{text}").expect("room");
     }
 }
