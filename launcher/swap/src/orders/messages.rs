@@ -41,6 +41,7 @@ pub(super) fn progress(slot: Slot, step: &Step, name: impl Fn(Seat) -> String) -
         Step::Ownerless(..) => ("ownerless", None),
         Step::Replaced(..) => ("replaced", None),
         Step::Commands(_) => ("commands", None),
+        Step::FallbackLost { .. } => ("fallback lost", None),
         Step::StandbyLost(..) => ("standby lost", None),
         Step::StandbyGivenUp(_) | Step::StandbyUntrusted(_) => ("standby given up", None),
         Step::Left(_) => ("left", None),

@@ -48,6 +48,7 @@ impl Slots {
                         | Step::TookOver { .. }
                         | Step::Ownerless(..)
                         | Step::Replaced(..)
+                        | Step::FallbackLost { .. }
                         | Step::StandbyLost(..)
                         | Step::StandbyGivenUp(_)
                         | Step::StandbyUntrusted(_)

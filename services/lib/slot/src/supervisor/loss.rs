@@ -151,8 +151,11 @@ impl SlotMachine {
                 self.abort(now, seat, Reason::Fault(fault), out);
             }
             // The newest record is already another's; without it there is no window.
-            Phase::Flipping { old, .. } if old == seat => {}
+            Phase::Flipping { new, old, .. } if old == seat => {
+                step(out, Step::FallbackLost { seat, owner: new, fault });
+            }
             Phase::Window { new, old, .. } if old == seat => {
+                step(out, Step::FallbackLost { seat, owner: new, fault });
                 self.commit(now, (new, old), true, out);
             }
             Phase::Reverting { from, .. } if from == seat => {

@@ -92,6 +92,15 @@ pub enum Step {
     Replaced(Seat, Program),
     /// It commands, from nothing or again.
     Commands(Seat),
+    /// The owner before is lost that was the fallback during the rollback window, which ends with it.
+    FallbackLost {
+        /// The seat that is lost.
+        seat: Seat,
+        /// The seat that commands, or is about to.
+        owner: Seat,
+        /// What became of it.
+        fault: Fault,
+    },
     /// The standby is lost.
     StandbyLost(Seat, Fault),
     /// The standby has been lost too often and is given up.
@@ -169,6 +178,9 @@ impl core::fmt::Display for Step {
                 write!(f, "{seat} is not started again: what the flight began with takes its place")
             }
             Self::Commands(seat) => write!(f, "{seat} commands"),
+            Self::FallbackLost { seat, owner, fault } => {
+                write!(f, "{seat} is lost, with which the rollback window of {owner} ends: {fault}")
+            }
             Self::StandbyLost(seat, fault) => write!(f, "the standby on {seat} is lost: {fault}"),
             Self::StandbyGivenUp(_) => f.write_str("the standby is given up"),
             Self::StandbyUntrusted(_) => f.write_str(

@@ -18,12 +18,16 @@ fn a_new_owner_that_dies_or_falls_silent_in_the_window_is_rolled_back() {
 
 #[test]
 fn the_old_owner_may_die_in_the_window_or_before_it() {
+    let lost = Step::FallbackLost { seat: SEAT[0], owner: SEAT[1], fault: Fault::Died };
+    let lost = Action::Report(Report::Step(lost));
     let mut bench = Bench::in_window(SlotConfig::LOCKSTEP);
     bench.on(Event::Died(SEAT[0]));
+    assert!(bench.has(|action| *action == lost));
     assert!(bench.has(|action| *action == Action::Report(Report::Done(SEAT[1], Outcome::Swapped))));
     assert_eq!((bench.record().owner, bench.record().fallback), (SEAT[1], None));
     let mut bench = Bench::new(SlotConfig::LOCKSTEP);
     bench.swap(7).confirm().wait().pass(SEAT[1]).on(Event::Died(SEAT[0]));
+    assert!(bench.has(|action| *action == lost));
     bench.confirm();
     assert_eq!((bench.record().owner, bench.record().fallback), (SEAT[1], None));
     assert!(matches!(bench.slot.phase, Phase::Steady { .. }));
