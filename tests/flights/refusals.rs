@@ -271,7 +271,9 @@ fn a_stranger_that_forges_commands_states_and_records_changes_no_bit_and_is_name
     let services = output_text.lines().filter_map(|line| Some(line.split_once(&named)?.1));
     let services: Vec<&str> =
         services.flat_map(|list| list.split(": ").next().unwrap_or(list).split(", ")).collect();
-    for service in ["wrench_command", "attitude_owner", "state/estimator", "clock", "registry"] {
+    for service in
+        ["wrench_command", "attitude_owner", "state/estimator", "clock", "registry", "hello"]
+    {
         assert!(services.contains(&service), "{service}: {output_text}");
     }
     assert!(

@@ -142,6 +142,7 @@ impl Supervisor {
     /// Takes in the processes that have become ready. True once all are, and every slot has an owner.
     pub(super) fn await_ready(
         &mut self,
+        bus: &Bus,
         graph: &Graph,
         tap: &mut Tap,
     ) -> Result<bool, FlightError> {
@@ -154,7 +155,7 @@ impl Supervisor {
                 });
             }
         }
-        for joined in self.take_hellos(tap) {
+        for joined in self.take_hellos(bus, tap) {
             // The pilot holds the position slot of a rig flight.
             let role = joined.seat.role;
             let rigged = |slot: &&mut SlotOwner| {
@@ -230,7 +231,7 @@ impl Supervisor {
             sweep.look(&self.folder, &mut drain, now_ns);
         }
         let now_logical_ns = self.wall.map_or(0, |wall| wall.logical_ns(now_ns));
-        for joined in self.take_hellos(tap) {
+        for joined in self.take_hellos(bus, tap) {
             let seat = joined.seat;
             let post = self.posts.iter_mut().find(|post| post.seat == seat);
             let Some(post) = post.filter(|post| post.awaits_handover) else { continue };

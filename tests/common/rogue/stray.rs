@@ -5,8 +5,8 @@ use runtime::ipc::{Bus, IpcSink, PortError, ServiceKind, StatePublisher};
 use runtime::namespace::Membership;
 use runtime::{Sink as _, StateSink as _};
 use shared_types::{
-    ClockMode, ClockRecord, Flag, Header, NO_SEAT, OwnerRecord, Progress, Registry, RegistryEntry,
-    Role, Seat, Slot, WrenchCommand, topics,
+    ClockMode, ClockRecord, Flag, Header, Hello, NO_SEAT, OwnerRecord, Progress, Registry,
+    RegistryEntry, Role, Seat, Slot, WrenchCommand, topics,
 };
 use std::path::Path;
 use std::process::ExitCode;
@@ -59,6 +59,7 @@ struct Forger {
     commands: IpcSink<WrenchCommand>,
     posts: Vec<Post>,
     clock: IpcSink<ClockRecord>,
+    hello: IpcSink<Hello>,
     registry: IpcSink<Registry>,
     owners: Vec<(Role, IpcSink<OwnerRecord>)>,
     /// The line of the registry that it gives itself.
@@ -84,6 +85,7 @@ impl Forger {
             commands: bus.writer(&topics::WRENCH_COMMAND)?,
             posts: posts.collect(),
             clock: bus.open_writer(ServiceKind::Clock)?,
+            hello: bus.open_writer(ServiceKind::Hello)?,
             registry: bus.open_writer(ServiceKind::Registry)?,
             owners: owners.into_iter().collect::<Result<_, PortError>>()?,
             line: RegistryEntry {
@@ -102,6 +104,7 @@ impl Forger {
         let mut registry = Registry { count: 1, ..Registry::default() };
         registry.entries[0] = self.line;
         self.registry.send(&registry);
+        self.hello.send(&Hello { period_ns: 2_000_000, role: Role::Attitude, ..Hello::default() });
         self.clock.send(&ClockRecord {
             end_ns: 1,
             speed: 1.0,

@@ -240,7 +240,7 @@ impl Flight {
         let limit_s = scenario.settings().launcher.startup_timeout_s;
         let deadline_ns = mono_now_ns() + ns_from_s(limit_s);
         loop {
-            let ready = self.supervisor.await_ready(&self.graph, &mut self.tap);
+            let ready = self.supervisor.await_ready(&self.bus, &self.graph, &mut self.tap);
             let ready = ready.map_err(not_ready)?;
             self.tend_slots(mono_now_ns()).map_err(not_ready)?;
             if ready && self.supervisor.owners_known() {

@@ -3,7 +3,9 @@
 use super::{HELLOS, Supervisor};
 use crate::tap::Tap;
 use runtime::clock::mono_now_ns;
+use runtime::ipc::{Bus, ServiceKind};
 use shared_types::{Hello, NodeId, Seat};
+use std::path::Path;
 use swap::PostEvent;
 use swap::post::Post;
 
@@ -24,22 +26,28 @@ impl Joined {
 }
 
 impl Supervisor {
-    /// Enters the processes that have become ready in the registry.
-    pub(super) fn take_hellos(&mut self, tap: &mut Tap) -> Vec<Joined> {
+    /// Enters the processes that have become ready in the registry, and counts what others say in their place.
+    pub(super) fn take_hellos(&mut self, bus: &Bus, tap: &mut Tap) -> Vec<Joined> {
         let mut joined = Vec::new();
         // No more than are kept: a client that writes without a pause does not keep the launcher.
         for _ in 0..HELLOS {
             let Some((hello, node, pid)) = self.hello.receive_from() else { break };
-            let Some(hello) = hello else { continue };
-            let seat = Seat { role: hello.role, index: hello.seat };
-            let of_seat =
-                |post: &&mut Post| post.seat == seat && post.generation == hello.generation;
             // The process that the transport names must be the one that was started for the seat, or one that this has
             // started.
-            let Some(post) = self.posts.iter_mut().find(of_seat) else { continue };
-            if !post.is_controller(pid) {
+            let said = hello.and_then(|hello| {
+                let seat = Seat { role: hello.role, index: hello.seat };
+                let of_seat =
+                    |post: &&mut Post| (post.seat, post.generation) == (seat, hello.generation);
+                let post = self.posts.iter_mut().find(of_seat)?;
+                post.is_controller(pid).then_some((hello, seat, post))
+            });
+            let Some((hello, seat, post)) = said else {
+                // A process of this launcher may have died after its hello.
+                if Path::new(&format!("/proc/{pid}")).exists() {
+                    bus.count_stray(ServiceKind::Hello, node, pid);
+                }
                 continue;
-            }
+            };
             post.ready = true;
             post.layout = hello.state_layout;
             post.period_ns = hello.period_ns;

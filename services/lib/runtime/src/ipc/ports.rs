@@ -332,4 +332,9 @@ impl Bus {
     pub fn strays(&self) -> Vec<Stray> {
         self.authority.strays()
     }
+
+    /// Counts a sample on a service whose writers no registry has yet, which its reader has ignored.
+    pub fn count_stray(&self, kind: ServiceKind, node: NodeId, pid: u32) {
+        self.authority.count_stray(node, pid, &Rc::from(kind.name()));
+    }
 }

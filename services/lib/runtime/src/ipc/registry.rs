@@ -98,15 +98,14 @@ impl Authority {
         leads
     }
 
-    fn count_stray(&self, id: UniqueNodeId, service: &Rc<str>) {
-        let node = node_id(id);
+    pub(super) fn count_stray(&self, node: NodeId, pid: u32, service: &Rc<str>) {
         let mut strays = self.strays.borrow_mut();
         let known = |s: &Stray| s.node == node && s.service == *service;
         if let Some(stray) = strays.iter_mut().find(|s| known(s)) {
             stray.samples = stray.samples.saturating_add(1);
         } else if strays.len() < MAX_STRAYS {
             let service = Rc::clone(service);
-            strays.push(Stray { pid: pid_of(id), service, samples: 1, node });
+            strays.push(Stray { pid, service, samples: 1, node });
         } else if let Some(others) = strays.get_mut(MAX_STRAYS) {
             others.samples = others.samples.saturating_add(1);
         } else {
@@ -252,7 +251,7 @@ impl<T> Guard<T> {
     pub(super) fn accepted<'a>(&self, id: UniqueNodeId, sample: Option<&'a T>) -> Option<&'a T> {
         let accepted = sample.filter(|sample| self.passes(id, sample));
         if accepted.is_none() {
-            self.authority.count_stray(id, &self.service);
+            self.authority.count_stray(node_id(id), pid_of(id), &self.service);
         }
         accepted
     }
