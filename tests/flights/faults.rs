@@ -391,6 +391,8 @@ fn an_owner_that_dies_while_the_launcher_is_stopped_for_three_seconds_is_replace
         "{}",
         flown.output_text()
     );
+    // The owner records and commands that it could not read meanwhile are judged by when they were in effect.
+    assert_eq!(flown.summary()["wrong_owner_ticks"], 0, "{}", flown.output_text());
 }
 
 #[test]
