@@ -2,7 +2,7 @@
 
 use crate::blame::{Hands, Watched, blame};
 use crate::finding::Finding;
-use crate::judge::{Applied, Judge, JudgeMemory, Moment, Setpoint};
+use crate::judge::{Applied, Findings, Judge, JudgeMemory, Moment, Setpoint};
 use crate::last_trip::{LastTrip, is_recovering};
 use crate::limits::Limits;
 use crate::reports::{Asked, Record, Report, Reports, ReportsMemory};
@@ -105,6 +105,8 @@ shared_types::memory! {
         pub failed_over: u64,
         /// Of each slot: last trip published for it.
         pub trips: [LastTrip; Slot::COUNT],
+        /// Whether the actuation gate returns the vehicle after a trip of the position slot, or is about to.
+        pub returns: bool,
         /// Instant of the last step \[ns\].
         pub seen_ns: u64,
     }
@@ -311,6 +313,18 @@ impl Monitor {
         self.memory.replaced_ns.map(|from_ns| is_recovering(from_ns, now_ns))
     }
 
+    /// Whether the gate itself flies the vehicle because the position slot's owner has tripped beside a watched one of the
+    /// attitude slot: where the vehicle turns meanwhile is not that one's doing.
+    fn returns(&mut self, now_ns: u64, inputs: &Inputs) -> bool {
+        let tripped_ns = self.memory.trips[Slot::Position.index()].at_ns + self.latency_ns;
+        let applied = inputs.applied_command.latest();
+        let is_since = |applied: &&AppliedCommand| applied.header.release_ns > tripped_ns;
+        let applied = applied.filter(is_since);
+        self.memory.returns &= applied
+            .map_or(now_ns <= tripped_ns + self.stale_ns, |now| now.mode == GateMode::Recover);
+        self.memory.returns
+    }
+
     /// Whether the actuation gate levels the vehicle because the attitude slot's watched owner was about to overturn it: no
     /// set point that it should follow asks for so much. After a trip of either slot it is not its fault.
     fn overturns(&self, now_ns: u64, inputs: &Inputs, hands: &Hands) -> Option<Finding> {
@@ -413,7 +427,11 @@ impl Service for Monitor {
             return;
         }
         let moment = self.moment(now_ns, inputs, &hands);
-        let findings = moment.map(|moment| self.judge.see(&moment)).unwrap_or_default();
+        let mut findings = moment.map(|moment| self.judge.see(&moment)).unwrap_or_default();
+        if self.returns(now_ns, inputs) {
+            self.judge.forget_attitude();
+            findings = Findings { attitude: None, commanded: None, ..findings };
+        }
         let [attitude, position] = blame(findings, &hands);
         let found =
             [misreported.or(self.overturns(now_ns, inputs, &hands[0])).or(attitude), position];
@@ -430,6 +448,7 @@ impl Service for Monitor {
                 self.memory.replaced_ns[index] = now_ns;
                 if slot == Slot::Position {
                     self.reports.trip(owner.instance, now_ns + self.latency_ns);
+                    self.memory.returns = matches!(hands[0], Hands::Watched(_));
                 }
                 outputs.trip.write(trip);
                 break;

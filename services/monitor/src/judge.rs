@@ -179,22 +179,32 @@ impl Judge {
     /// position slot has another owner, so that how far the vehicle is from its path and what has been asked for is not
     /// its doing either.
     pub fn forget(&mut self, of_position: bool) {
+        self.forget_attitude();
+        if of_position {
+            self.asked = [Swings::default(); 2];
+            self.memory = JudgeMemory {
+                moved_m: 0.0,
+                off_course_s: 0.0,
+                heading_astray_s: 0.0,
+                ..self.memory
+            };
+        }
+    }
+
+    /// Resets what concerns the attitude alone, of which another one than the owner has disposed.
+    pub fn forget_attitude(&mut self) {
         let before = self.memory;
-        // The wind is no owner's doing.
+        // Neither the wind nor the way is any attitude controller's doing.
         self.memory = JudgeMemory {
             push_w_m_s2: before.push_w_m_s2,
             velocity_w_m_s: before.velocity_w_m_s,
             has_velocity: before.has_velocity,
+            moved_m: before.moved_m,
+            off_course_s: before.off_course_s,
+            heading_astray_s: before.heading_astray_s,
             ..JudgeMemory::default()
         };
         self.body = [Swings::default(); 2];
-        if of_position {
-            self.asked = [Swings::default(); 2];
-        } else {
-            self.memory.moved_m = before.moved_m;
-            self.memory.off_course_s = before.off_course_s;
-            self.memory.heading_astray_s = before.heading_astray_s;
-        }
     }
 
     /// Judges the next moment. A moment with a number that is not finite is skipped: a failed estimate is

@@ -164,13 +164,14 @@ impl Plant {
         // Neither its fallback, nor what levels in its place.
         let commands_unproven =
             self.arbiter.is_watched() && !self.arbiter.failed_over() && !self.arbiter.tripped();
+        let led_astray = trips.iter().any(|trip| trip.slot == Role::Position);
         let output = self.gate.tick(&GateInput {
             now_ns,
             command,
             is_revoked,
             // An attitude owner that has not proven itself may go on following the set point that has tripped.
-            tripped: tripped
-                || commands_unproven && trips.iter().any(|trip| trip.slot == Role::Position),
+            tripped: tripped || commands_unproven && led_astray,
+            led_astray,
             unproven: self.unproven.as_ref().filter(|_| commands_unproven),
             reading: self.reading.take(),
             morph_angle_rad: self.measured_morph_rad,

@@ -54,6 +54,17 @@ pub fn setpoint(
     [vehicle.weight_n * lift * by_tilt, roll_rad, pitch_rad, yaw_rad]
 }
 
+/// How fast the vehicle leaves the place at which a reference wants it at `now_ns` \[m/s\]; zero if a number is not finite.
+#[must_use]
+pub fn leaving_m_s(now_ns: u64, estimate: &StateEstimate, reference: &Reference) -> f64 {
+    let motion = Motion::at(reference, now_ns);
+    let away = [0, 1, 2].map(|i| estimate.position_w_m[i] - motion.position_w_m[i]);
+    let velocity = [0, 1, 2].map(|i| estimate.velocity_w_m_s[i] - motion.velocity_w_m_s[i]);
+    let along = |vector: [f64; 3]| away.iter().zip(vector).map(|(a, b)| a * b).sum::<f64>();
+    let leaving_m_s = along(velocity) / along(away).sqrt();
+    if leaving_m_s.is_finite() { leaving_m_s } else { 0.0 }
+}
+
 /// What is left of a last set point beside the law's: both together, T, φ and θ, within what a set point may ask for, or
 /// what was tracked `before`, where that is more: nothing jumps.
 pub(crate) fn bounded(sum: [f64; 3], before: [f64; 3], vehicle: Vehicle) -> [f64; 3] {
@@ -247,6 +258,26 @@ mod tests {
             last_m = (0..3).map(|i| (position[i] - wanted[i]).abs()).fold(0.0, f64::max);
         }
         assert!(last_m < 0.03, "{last_m} m");
+    }
+
+    #[test]
+    fn a_vehicle_leaves_its_reference_relative_to_how_that_moves() {
+        let mut reference =
+            Reference { spacing_ns: 1_000_000_000, count: 2, ..Reference::default() };
+        for (point, at_m) in reference.points.iter_mut().zip([0.0, 1.0]) {
+            (point.position_w_m, point.velocity_w_m_s) = ([at_m, 0.0, 0.0], [1.0, 0.0, 0.0]);
+        }
+        let leaves = |velocity_w_m_s: [f64; 3]| {
+            let position_w_m = [0.8, 0.4, 0.0];
+            let vehicle = StateEstimate { position_w_m, ..moving(velocity_w_m_s, NORTH) };
+            leaving_m_s(500_000_000, &vehicle, &reference)
+        };
+        for (velocity_w_m_s, expected_m_s) in
+            [([1.0, 0.0, 0.0], 0.0), ([1.6, 0.8, 0.0], 1.0), ([0.4, -0.8, 0.0], -1.0)]
+        {
+            assert!((leaves(velocity_w_m_s) - expected_m_s).abs() < 1e-12, "{velocity_w_m_s:?}");
+        }
+        assert!(leaves([f64::NAN; 3]).abs() < 1e-12);
     }
 
     #[test]

@@ -88,6 +88,7 @@ impl Flight {
             command,
             is_revoked: false,
             tripped: false,
+            led_astray: false,
             unproven: self.unproven.as_ref(),
             reading: self.imu.sample(now_ns, &omega, &force),
             morph_angle_rad: self.beta.rad(),

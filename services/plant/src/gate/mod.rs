@@ -33,6 +33,10 @@ const BIAS_MAX_RAD_S: f64 = 0.1;
 /// Share of the tilt at which LEVEL brakes hard up to which it tilts the vehicle itself.
 const AIMED_SHARE: f64 = 0.8;
 
+/// How fast a vehicle may leave its reference that is left to controllers again that have not proven themselves: that it
+/// comes back is the fallback's doing, from whose first set points it is braked alike \[m/s\].
+const LEAVING_M_S: f64 = 0.1;
+
 /// Largest share of one reading in the filter, however long there was none before it.
 const MAX_CORRECTION: f64 = 0.1;
 
@@ -60,6 +64,8 @@ pub struct GateInput<'a> {
     /// The owner of the attitude slot trips now, or what it follows does: what it has commanded until here is not to be
     /// trusted.
     pub tripped: bool,
+    /// The owner of the position slot trips now.
+    pub led_astray: bool,
     /// What the owner of the attitude slot is held to, if it has not proven itself.
     pub unproven: Option<&'a UnprovenRange>,
     /// The plant's own inertial reading, if there is a new one.
@@ -297,10 +303,11 @@ impl Gate {
         }
     }
 
-    /// Where a calm vehicle goes without a controller: along the reference, and to rest where it descends; none where it
+    /// Where a calm vehicle goes without a controller, and one that is returned: along the reference, and to rest where it descends; none where it
     /// does not know where the vehicle is.
     fn aim(&self, input: &GateInput) -> Option<Aim> {
-        let believed = self.navigation.believed().filter(|_| self.levels_gently)?;
+        let follows = self.levels_gently || self.mode.returns();
+        let believed = self.navigation.believed().filter(|_| follows)?;
         let weighs = backup::Vehicle {
             weight_n: self.vehicle.weight_n(),
             gravity_m_s2: self.vehicle.gravity_m_s2,
@@ -329,6 +336,8 @@ impl Gate {
                 || input.unproven.is_some_and(|range| self.overturns(range, tick_s)),
             wild: !self.is_within(self.bounds.enter),
             calm: self.is_within(self.bounds.leave),
+            led_astray: input.led_astray,
+            leaving: input.unproven.is_some() && self.is_leaving(input),
         };
         let next = self.mode.next(&seen, &self.limits);
         let leaves_normal = self.mode == Mode::Normal && next != Mode::Normal;
@@ -340,6 +349,14 @@ impl Gate {
             self.climb_m_s = 0.0;
         }
         self.levels_gently = is_level && (seen.calm || self.levels_gently && !seen.wild);
+    }
+
+    /// True if the vehicle leaves its reference, as far as the gate knows.
+    fn is_leaving(&self, input: &GateInput) -> bool {
+        let known = self.navigation.believed().zip(input.reference);
+        known.is_some_and(|(believed, reference)| {
+            backup::leaving_m_s(input.now_ns, &believed, reference) > LEAVING_M_S
+        })
     }
 
     /// True if the vehicle will tilt beyond what an unproven owner may, unless RECOVER begins at this tick: braked by

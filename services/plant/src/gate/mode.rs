@@ -21,6 +21,10 @@
 //!   any ───▶ RECOVER ── calm, or recover_max passed ──▶ NORMAL, or LEVEL without a valid command
 //! ```
 //!
+//! If the position slot's owner trips while the vehicle leaves its reference, beside an attitude owner that has not proven
+//! itself, RECOVER brakes the vehicle too: two such controllers may do together what neither does alone, and before the
+//! second could be found to go on as the first has begun, the vehicle would be far away.
+//!
 //! At most one arrow is taken per tick.
 
 /// What the gate lets through.
@@ -47,6 +51,8 @@ pub enum Mode {
     Recover {
         /// First tick in this mode \[ns\].
         since_ns: u64,
+        /// It follows the reference, and lasts until the vehicle does not leave that any more.
+        returns: bool,
     },
 }
 
@@ -78,6 +84,10 @@ pub(super) struct Observation {
     pub(super) wild: bool,
     /// Tilt and rate are such that a controller can go on.
     pub(super) calm: bool,
+    /// The position slot's owner trips now, beside an attitude owner that has not proven itself.
+    pub(super) led_astray: bool,
+    /// The vehicle leaves its reference, and the attitude owner has not proven itself.
+    pub(super) leaving: bool,
 }
 
 impl Mode {
@@ -87,15 +97,22 @@ impl Mode {
         let elapsed = |since_ns: u64| now_ns.saturating_sub(since_ns);
         match self {
             Self::Cut => Self::Cut,
-            Self::Recover { since_ns } => {
-                let over = seen.calm || elapsed(since_ns) >= limits.recover_max_ns;
+            Self::Recover { since_ns, returns: false } if seen.led_astray && seen.leaving => {
+                Self::Recover { since_ns, returns: true }
+            }
+            Self::Recover { since_ns, returns } => {
+                let is_well = seen.calm && !(returns && seen.leaving);
+                let over = is_well || elapsed(since_ns) >= limits.recover_max_ns;
                 match (over, now_ns < seen.valid_until_ns) {
                     (false, _) => self,
                     (true, true) => Self::Normal,
                     (true, false) => Self::Level { since_ns: now_ns, tilted_since_ns: None },
                 }
             }
-            _ if seen.out_of_hand => Self::Recover { since_ns: now_ns },
+            _ if seen.led_astray && seen.leaving => {
+                Self::Recover { since_ns: now_ns, returns: true }
+            }
+            _ if seen.out_of_hand => Self::Recover { since_ns: now_ns, returns: false },
             _ if seen.fresh => Self::Normal,
             Self::Normal if now_ns < seen.valid_until_ns => self,
             Self::Normal if !seen.wild => Self::Hold { since_ns: seen.valid_until_ns },
@@ -127,23 +144,29 @@ impl Mode {
         }
     }
 
-    /// Code, start, start of the tilt; `u64::MAX` stands for none.
+    /// Whether the gate flies the vehicle back to its reference.
+    pub(super) fn returns(self) -> bool {
+        matches!(self, Self::Recover { returns: true, .. })
+    }
+
+    /// Code, start, start of the tilt or whether it returns; `u64::MAX` stands for none.
     pub(super) fn to_words(self) -> [u64; 3] {
-        let (since, tilted) = match self {
+        let (since, third) = match self {
             Self::Normal | Self::Cut => (u64::MAX, None),
-            Self::Hold { since_ns } | Self::Recover { since_ns } => (since_ns, None),
+            Self::Hold { since_ns } => (since_ns, None),
+            Self::Recover { since_ns, returns } => (since_ns, Some(u64::from(returns))),
             Self::Level { since_ns, tilted_since_ns } => (since_ns, tilted_since_ns),
         };
-        [u64::from(self.code()), since, tilted.unwrap_or(u64::MAX)]
+        [u64::from(self.code()), since, third.unwrap_or(u64::MAX)]
     }
 
     /// The mode of [`to_words`](Self::to_words); an unknown code cuts.
-    pub(super) fn from_words([code, since_ns, tilted]: [u64; 3]) -> Self {
+    pub(super) fn from_words([code, since_ns, third]: [u64; 3]) -> Self {
         match code {
             0 => Self::Normal,
             1 => Self::Hold { since_ns },
-            2 => Self::Level { since_ns, tilted_since_ns: (tilted != u64::MAX).then_some(tilted) },
-            4 => Self::Recover { since_ns },
+            2 => Self::Level { since_ns, tilted_since_ns: (third != u64::MAX).then_some(third) },
+            4 => Self::Recover { since_ns, returns: third == 1 },
             _ => Self::Cut,
         }
     }
@@ -167,6 +190,8 @@ mod tests {
             out_of_hand: false,
             wild: false,
             calm: false,
+            led_astray: false,
+            leaving: false,
         }
     }
 
@@ -230,14 +255,36 @@ mod tests {
     }
 
     #[test]
+    fn a_vehicle_that_two_unproven_owners_lead_astray_is_returned_and_left_to_them_then() {
+        let astray = |now_ns| Observation { led_astray: true, leaving: true, ..at(now_ns) };
+        let valid = |seen| Observation { valid_until_ns: 5000, ..seen };
+        let returns = Mode::Recover { since_ns: 50, returns: true };
+        let levels = Mode::Recover { since_ns: 50, returns: false };
+        for mode in [Mode::Normal, level(20, None), levels] {
+            assert_eq!(mode.next(&astray(50), &LIMITS), returns);
+        }
+        let leaves = Observation { leaving: false, ..astray(50) };
+        assert_eq!(Mode::Normal.next(&leaves, &LIMITS), Mode::Normal, "it is where it should be");
+        let calm = |now_ns| valid(Observation { calm: true, ..at(now_ns) });
+        let under_way = Observation { leaving: true, ..calm(60) };
+        assert_eq!(returns.next(&under_way, &LIMITS), returns);
+        assert_eq!(levels.next(&under_way, &LIMITS), Mode::Normal, "it only levels");
+        assert_eq!(returns.next(&calm(60), &LIMITS), Mode::Normal);
+        let last = Observation { leaving: true, ..calm(1050) };
+        assert_eq!(returns.next(&last, &LIMITS), Mode::Normal, "it may not be able to");
+    }
+
+    #[test]
     fn cut_stays() {
         assert_eq!(Mode::Cut.next(&at(0), &LIMITS), Mode::Cut);
     }
 
     #[test]
     fn labels_bring_back_each_mode_and_unknown_labels_cut() {
-        let recover = Mode::Recover { since_ns: 7 };
-        for mode in [Mode::Normal, HOLD, level(1, None), level(1, Some(2)), Mode::Cut, recover] {
+        let recover = |returns| Mode::Recover { since_ns: 7, returns };
+        let levels = [level(1, None), level(1, Some(2))];
+        let all = [Mode::Normal, HOLD, Mode::Cut, recover(false), recover(true)];
+        for mode in all.into_iter().chain(levels) {
             assert_eq!(Mode::from_words(mode.to_words()), mode);
         }
         assert_eq!(Mode::from_words([5, 0, 0]), Mode::Cut);
