@@ -105,8 +105,8 @@ shared_types::memory! {
         pub failed_over: u64,
         /// Of each slot: last trip published for it.
         pub trips: [LastTrip; Slot::COUNT],
-        /// Whether the actuation gate returns the vehicle after a trip of the position slot, or is about to.
-        pub returns: bool,
+        /// Whether the actuation gate brakes the vehicle after a trip of the position slot, or is about to.
+        pub is_braked: bool,
         /// Instant of the last step \[ns\].
         pub seen_ns: u64,
     }
@@ -315,14 +315,14 @@ impl Monitor {
 
     /// Whether the gate itself flies the vehicle because the position slot's owner has tripped beside a watched one of the
     /// attitude slot: where the vehicle turns meanwhile is not that one's doing.
-    fn returns(&mut self, now_ns: u64, inputs: &Inputs) -> bool {
+    fn is_braked(&mut self, now_ns: u64, inputs: &Inputs) -> bool {
         let tripped_ns = self.memory.trips[Slot::Position.index()].at_ns + self.latency_ns;
         let applied = inputs.applied_command.latest();
         let is_since = |applied: &&AppliedCommand| applied.header.release_ns > tripped_ns;
         let applied = applied.filter(is_since);
-        self.memory.returns &= applied
+        self.memory.is_braked &= applied
             .map_or(now_ns <= tripped_ns + self.stale_ns, |now| now.mode == GateMode::Recover);
-        self.memory.returns
+        self.memory.is_braked
     }
 
     /// Whether the actuation gate levels the vehicle because the attitude slot's watched owner was about to overturn it: no
@@ -428,7 +428,7 @@ impl Service for Monitor {
         }
         let moment = self.moment(now_ns, inputs, &hands);
         let mut findings = moment.map(|moment| self.judge.see(&moment)).unwrap_or_default();
-        if self.returns(now_ns, inputs) {
+        if self.is_braked(now_ns, inputs) {
             self.judge.forget_attitude();
             findings = Findings { attitude: None, commanded: None, ..findings };
         }
@@ -448,7 +448,7 @@ impl Service for Monitor {
                 self.memory.replaced_ns[index] = now_ns;
                 if slot == Slot::Position {
                     self.reports.trip(owner.instance, now_ns + self.latency_ns);
-                    self.memory.returns = matches!(hands[0], Hands::Watched(_));
+                    self.memory.is_braked = matches!(hands[0], Hands::Watched(_));
                 }
                 outputs.trip.write(trip);
                 break;

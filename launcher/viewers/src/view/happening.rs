@@ -241,7 +241,7 @@ impl World {
             GateMode::Hold => "no valid command: the gate holds the last one",
             GateMode::Level => "no command that counts: the gate flies the vehicle itself",
             GateMode::Recover => {
-                "the gate levels the vehicle: its owner has tripped, or was about to overturn it"
+                "the gate levels or brakes the vehicle: an owner has tripped, or was about to overturn it"
             }
             _ => "the gate has cut the rotors",
         };

@@ -33,8 +33,8 @@ const BIAS_MAX_RAD_S: f64 = 0.1;
 /// Share of the tilt at which LEVEL brakes hard up to which it tilts the vehicle itself.
 const AIMED_SHARE: f64 = 0.8;
 
-/// How fast a vehicle may leave its reference that is left to controllers again that have not proven themselves: that it
-/// comes back is the fallback's doing, from whose first set points it is braked alike \[m/s\].
+/// Speed away from its reference below which a vehicle has been braked, and is left to an unproven attitude owner again:
+/// the set points of the position slot's fallback bring it back \[m/s\].
 const LEAVING_M_S: f64 = 0.1;
 
 /// Largest share of one reading in the filter, however long there was none before it.
@@ -303,10 +303,10 @@ impl Gate {
         }
     }
 
-    /// Where a calm vehicle goes without a controller, and one that is returned: along the reference, and to rest where it descends; none where it
-    /// does not know where the vehicle is.
+    /// Where a calm vehicle goes without a controller, and one that is braked: along the reference, and to rest where it
+    /// descends; none where it does not know where the vehicle is.
     fn aim(&self, input: &GateInput) -> Option<Aim> {
-        let follows = self.levels_gently || self.mode.returns();
+        let follows = self.levels_gently || self.mode.brakes();
         let believed = self.navigation.believed().filter(|_| follows)?;
         let weighs = backup::Vehicle {
             weight_n: self.vehicle.weight_n(),

@@ -52,7 +52,7 @@ pub enum Mode {
         /// First tick in this mode \[ns\].
         since_ns: u64,
         /// It follows the reference, and lasts until the vehicle does not leave that any more.
-        returns: bool,
+        brakes: bool,
     },
 }
 
@@ -97,11 +97,11 @@ impl Mode {
         let elapsed = |since_ns: u64| now_ns.saturating_sub(since_ns);
         match self {
             Self::Cut => Self::Cut,
-            Self::Recover { since_ns, returns: false } if seen.led_astray && seen.leaving => {
-                Self::Recover { since_ns, returns: true }
+            Self::Recover { since_ns, brakes: false } if seen.led_astray && seen.leaving => {
+                Self::Recover { since_ns, brakes: true }
             }
-            Self::Recover { since_ns, returns } => {
-                let is_well = seen.calm && !(returns && seen.leaving);
+            Self::Recover { since_ns, brakes } => {
+                let is_well = seen.calm && !(brakes && seen.leaving);
                 let over = is_well || elapsed(since_ns) >= limits.recover_max_ns;
                 match (over, now_ns < seen.valid_until_ns) {
                     (false, _) => self,
@@ -110,9 +110,9 @@ impl Mode {
                 }
             }
             _ if seen.led_astray && seen.leaving => {
-                Self::Recover { since_ns: now_ns, returns: true }
+                Self::Recover { since_ns: now_ns, brakes: true }
             }
-            _ if seen.out_of_hand => Self::Recover { since_ns: now_ns, returns: false },
+            _ if seen.out_of_hand => Self::Recover { since_ns: now_ns, brakes: false },
             _ if seen.fresh => Self::Normal,
             Self::Normal if now_ns < seen.valid_until_ns => self,
             Self::Normal if !seen.wild => Self::Hold { since_ns: seen.valid_until_ns },
@@ -144,17 +144,17 @@ impl Mode {
         }
     }
 
-    /// Whether the gate flies the vehicle back to its reference.
-    pub(super) fn returns(self) -> bool {
-        matches!(self, Self::Recover { returns: true, .. })
+    /// Whether the gate brakes the vehicle along its reference.
+    pub(super) fn brakes(self) -> bool {
+        matches!(self, Self::Recover { brakes: true, .. })
     }
 
-    /// Code, start, start of the tilt or whether it returns; `u64::MAX` stands for none.
+    /// Code, start, start of the tilt or whether it brakes; `u64::MAX` stands for none.
     pub(super) fn to_words(self) -> [u64; 3] {
         let (since, third) = match self {
             Self::Normal | Self::Cut => (u64::MAX, None),
             Self::Hold { since_ns } => (since_ns, None),
-            Self::Recover { since_ns, returns } => (since_ns, Some(u64::from(returns))),
+            Self::Recover { since_ns, brakes } => (since_ns, Some(u64::from(brakes))),
             Self::Level { since_ns, tilted_since_ns } => (since_ns, tilted_since_ns),
         };
         [u64::from(self.code()), since, third.unwrap_or(u64::MAX)]
@@ -166,7 +166,7 @@ impl Mode {
             0 => Self::Normal,
             1 => Self::Hold { since_ns },
             2 => Self::Level { since_ns, tilted_since_ns: (third != u64::MAX).then_some(third) },
-            4 => Self::Recover { since_ns, returns: third == 1 },
+            4 => Self::Recover { since_ns, brakes: third == 1 },
             _ => Self::Cut,
         }
     }
@@ -255,23 +255,23 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_that_two_unproven_owners_lead_astray_is_returned_and_left_to_them_then() {
+    fn a_vehicle_that_two_unproven_owners_lead_astray_is_braked_and_left_to_them_then() {
         let astray = |now_ns| Observation { led_astray: true, leaving: true, ..at(now_ns) };
         let valid = |seen| Observation { valid_until_ns: 5000, ..seen };
-        let returns = Mode::Recover { since_ns: 50, returns: true };
-        let levels = Mode::Recover { since_ns: 50, returns: false };
+        let brakes = Mode::Recover { since_ns: 50, brakes: true };
+        let levels = Mode::Recover { since_ns: 50, brakes: false };
         for mode in [Mode::Normal, level(20, None), levels] {
-            assert_eq!(mode.next(&astray(50), &LIMITS), returns);
+            assert_eq!(mode.next(&astray(50), &LIMITS), brakes);
         }
         let leaves = Observation { leaving: false, ..astray(50) };
         assert_eq!(Mode::Normal.next(&leaves, &LIMITS), Mode::Normal, "it is where it should be");
         let calm = |now_ns| valid(Observation { calm: true, ..at(now_ns) });
         let under_way = Observation { leaving: true, ..calm(60) };
-        assert_eq!(returns.next(&under_way, &LIMITS), returns);
+        assert_eq!(brakes.next(&under_way, &LIMITS), brakes);
         assert_eq!(levels.next(&under_way, &LIMITS), Mode::Normal, "it only levels");
-        assert_eq!(returns.next(&calm(60), &LIMITS), Mode::Normal);
+        assert_eq!(brakes.next(&calm(60), &LIMITS), Mode::Normal);
         let last = Observation { leaving: true, ..calm(1050) };
-        assert_eq!(returns.next(&last, &LIMITS), Mode::Normal, "it may not be able to");
+        assert_eq!(brakes.next(&last, &LIMITS), Mode::Normal, "it may not be able to");
     }
 
     #[test]
@@ -281,7 +281,7 @@ mod tests {
 
     #[test]
     fn labels_bring_back_each_mode_and_unknown_labels_cut() {
-        let recover = |returns| Mode::Recover { since_ns: 7, returns };
+        let recover = |brakes| Mode::Recover { since_ns: 7, brakes };
         let levels = [level(1, None), level(1, Some(2))];
         let all = [Mode::Normal, HOLD, Mode::Cut, recover(false), recover(true)];
         for mode in all.into_iter().chain(levels) {

@@ -8,7 +8,8 @@ use plant::{ModelKind, Motion, Plant, PlantConfig};
 use runtime::graph::Edge;
 use runtime::{InputSet as _, Service as _, Source};
 use shared_types::{
-    AppliedCommand, Flag, GateMode, Header, NO_SEAT, OwnerRecord, Role, Trip, WrenchCommand, topics,
+    AppliedCommand, Flag, GateMode, Header, NO_SEAT, OwnerRecord, Quaternion, Reference, Role,
+    StateEstimate, Trip, WrenchCommand, topics,
 };
 use vehicle::{MorphAngle, VehicleParameters};
 
@@ -253,6 +254,41 @@ fn the_gate_levels_before_an_unproven_owner_overturns_the_vehicle() {
             // 200 rad/s² make 57° in 100 ms; braked with 559 rad/s² they must be stopped well before.
             assert!((40..95).contains(&t_ms), "{t_ms}");
         }
+    }
+}
+
+#[test]
+fn the_gate_brakes_a_vehicle_whose_position_owner_trips_beside_an_unproven_owner() {
+    // Whether the attitude owner is watched, and how fast the vehicle leaves its place.
+    for (watched, leaving_m_s, brakes) in
+        [(true, 0.8, true), (false, 0.8, false), (true, 0.0, false)]
+    {
+        let (mut plant, mut inputs) = (plant_with(Some(range())), inputs());
+        let edge = |topic| Some(Edge::unwaited(topic, Role::Plant));
+        inputs.state_estimate.connect(Box::new(Silent), edge(&topics::STATE_ESTIMATE.info));
+        inputs.reference.connect(Box::new(Silent), edge(&topics::REFERENCE.info));
+        let record = OwnerRecord { watched: Flag::from(watched), ..record(1, 0, A, B, false) };
+        inputs.attitude_owner.offer(record);
+        send(&mut inputs, A, 0, 600 * MS, 2 * PERIOD_NS);
+        let header = Header { sequence: 1, valid_ns: 20 * MS, ..Header::default() };
+        let mut reference = Reference { header, count: 1, ..Reference::default() };
+        reference.points[0].position_w_m = [0.0, 0.0, 1.5];
+        inputs.reference.offer(reference);
+        inputs.state_estimate.offer(StateEstimate {
+            header,
+            described_ns: 20 * MS,
+            position_w_m: [0.2, 0.0, 1.5],
+            velocity_w_m_s: [leaving_m_s, 0.0, 0.0],
+            q_wb: Quaternion::IDENTITY,
+            ..StateEstimate::default()
+        });
+        let header = Header { sequence: 1, valid_ns: 30 * MS, ..Header::default() };
+        inputs.trip.offer(Trip { header, epoch: 1, slot: Role::Position, ..Trip::default() });
+        let braked = applied(&fly(&mut plant, &mut inputs, 0, 35));
+        assert_eq!(braked.mode == GateMode::Recover, brakes, "{braked:?}");
+        assert_eq!(braked.torque_b_nm[1] < 0.0, brakes, "it leans to where it comes from");
+        let later = applied(&fly(&mut plant, &mut inputs, 36, 500));
+        assert_eq!((later.mode, later.command_seat), (GateMode::Normal, A));
     }
 }
 
