@@ -182,12 +182,9 @@ impl Judge {
         self.forget_attitude();
         if of_position {
             self.asked = [Swings::default(); 2];
-            self.memory = JudgeMemory {
-                moved_m: 0.0,
-                off_course_s: 0.0,
-                heading_astray_s: 0.0,
-                ..self.memory
-            };
+            self.memory.moved_m = 0.0;
+            self.memory.off_course_s = 0.0;
+            self.memory.heading_astray_s = 0.0;
         }
     }
 

@@ -92,7 +92,7 @@ shared_types::memory! {
     /// A [`Gate`] as plain numbers.
     #[derive(PartialEq)]
     pub struct GateMemory {
-        /// Mode: code, start, start of the tilt \[ns\].
+        /// Mode: code, start \[ns\], start of the tilt \[ns\] or whether it brakes.
         pub mode: [u64; 3],
         /// Last accepted wrench: T \[N\], τ \[N m\].
         pub wrench: [f64; 4],

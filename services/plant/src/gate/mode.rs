@@ -84,7 +84,7 @@ pub(super) struct Observation {
     pub(super) wild: bool,
     /// Tilt and rate are such that a controller can go on.
     pub(super) calm: bool,
-    /// The position slot's owner trips now, beside an attitude owner that has not proven itself.
+    /// The position slot's owner trips now.
     pub(super) led_astray: bool,
     /// The vehicle leaves its reference, and the attitude owner has not proven itself.
     pub(super) leaving: bool,
